@@ -1,0 +1,17 @@
+//! Turns the output of pixel-wise programmable cameras into 1000 fps HDR video.
+//!
+//! Data flows one way: [`scene`] or file → [`sensor`] → capture → [`synth`] (a [`network`] plan on
+//! [`cpu`] or [`gpu`]) → [`video`] → [`quality`]. ARCHITECTURE.md has the map.
+
+pub mod baseline;
+pub mod cpu;
+mod error;
+pub mod gpu;
+pub mod network;
+pub mod quality;
+pub mod scene;
+pub mod sensor;
+pub mod synth;
+pub mod video;
+
+pub use error::{At, Error, Result};

@@ -1,0 +1,3 @@
+//! The `pix2hdr` command.
+
+fn main() {}
