@@ -7,6 +7,7 @@ pub mod baseline;
 pub mod cpu;
 mod error;
 pub mod gpu;
+mod math;
 pub mod network;
 pub mod quality;
 pub mod scene;

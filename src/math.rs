@@ -1,0 +1,18 @@
+//! Small mathematics that several modules share.
+
+/// µ of the tone curve (DESIGN §2).
+pub const MU: f64 = 5000.0;
+
+/// Least common multiple of two positive numbers.
+pub fn lcm(a: usize, b: usize) -> usize {
+    let (mut x, mut y) = (a, b);
+    while y != 0 {
+        (x, y) = (y, x % y);
+    }
+    a / x * b
+}
+
+/// The tone curve l(p) = ln(1 + µp)/ln(1 + µ), on p ≥ 0.
+pub fn tone(p: f64) -> f64 {
+    (MU * p).ln_1p() / MU.ln_1p()
+}

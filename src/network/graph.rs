@@ -1,0 +1,411 @@
+//! The layer graph: which operations a net consists of, as data (`weights-format/README.md`).
+
+use std::collections::{HashMap, HashSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::{NetworkError, Shape};
+use crate::math::lcm;
+
+/// Name of the tensor that every graph is given.
+pub(super) const MEASUREMENT: &str = "measurement";
+
+/// Bounds on what a file may declare, far above any useful net: they keep a hostile file from asking for
+/// absurd amounts of memory or time.
+const MAX_NODES: usize = 4096;
+const MAX_CHANNELS: usize = 8192;
+const MAX_EXTENT: usize = 64;
+
+/// A net as data: nodes in the order in which they are computed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Graph {
+    /// Version of the format: 1.
+    pub version: u32,
+    /// Name of the preset.
+    pub name: String,
+    /// Name of the pattern that the net was made for, or `any`.
+    pub pattern: String,
+    /// How much the net sees at once.
+    pub window: Window,
+    /// The operations.
+    pub nodes: Vec<Node>,
+    /// Name of the node that is the result.
+    pub output: String,
+}
+
+/// How much of the video a net sees at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// Frames that the net sees.
+    pub frames: usize,
+    /// Frames before the first result frame.
+    pub lead: usize,
+    /// Result frames, and how far the next window lies behind this one.
+    pub hop: usize,
+}
+
+/// One operation with its name and inputs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Node {
+    /// Unique name.
+    pub name: String,
+    /// What is done.
+    #[serde(flatten)]
+    pub op: Op,
+    /// Names of the tensors that go in.
+    pub inputs: Vec<String>,
+}
+
+/// Extents of a block that is folded into channels: frames, rows, columns.
+pub type Block = [usize; 3];
+
+/// The operations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "op", rename_all = "snake_case")]
+pub enum Op {
+    /// The box filter of DESIGN §4.
+    BoxEstimate,
+    /// Input normalisation, and folding of blocks into channels.
+    Features {
+        /// Channels per pixel.
+        channels: Vec<Feature>,
+        /// Block that is folded.
+        block: Block,
+    },
+    /// Convolution with its epilogue.
+    Conv3d(Convolution),
+    /// Transposed convolution with its epilogue.
+    ConvTranspose3d(Convolution),
+    /// Channels one behind the other.
+    Concat,
+    /// Rendered pixel values to irradiance (eq. 22).
+    InverseResponse {
+        /// Exposure of each channel, in frames.
+        exposures: Vec<f32>,
+    },
+    /// Weighted fusion (eq. 23).
+    Fuse,
+    /// Blocks unfolded into a residual over the estimate, in the log domain.
+    Unfold {
+        /// Block that is unfolded.
+        block: Block,
+        /// Frame of the estimate that the first result frame belongs to.
+        start: usize,
+    },
+}
+
+/// A channel that [`Op::Features`] computes from a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Feature {
+    /// y.
+    Measurement,
+    /// l(R⁻¹(y)/e).
+    LogIrradiance,
+    /// l of the estimate.
+    LogEstimate,
+    /// 1 where y is saturated.
+    Saturated,
+    /// log2 e.
+    LogExposure,
+}
+
+/// Parameters of a convolution and its epilogue.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Convolution {
+    /// Output channels.
+    pub out_channels: usize,
+    /// Taps along t, y, x.
+    pub kernel: [usize; 3],
+    /// Steps along t, y, x.
+    pub stride: [usize; 3],
+    /// Applied to the sum and bias.
+    pub activation: Activation,
+    /// Whether a per-channel scale and shift follows the activation.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub norm: bool,
+    /// Node that is added last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub add: Option<String>,
+}
+
+/// Activation functions.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Activation {
+    /// v.
+    None,
+    /// v, or slope·v below zero.
+    LeakyRelu(f32),
+    /// 1/(1 + e⁻ᵛ).
+    Sigmoid,
+    /// ln(1 + eᵛ) plus a floor.
+    Softplus(f32),
+}
+
+impl Graph {
+    /// Reads a graph from JSON and checks it.
+    pub fn from_json(json: &str) -> Result<Self, NetworkError> {
+        let graph: Self =
+            serde_json::from_str(json).map_err(|e| NetworkError::Format(format!("layer graph: {e}")))?;
+        graph.check()?;
+        Ok(graph)
+    }
+
+    fn check(&self) -> Result<(), NetworkError> {
+        let fail = |problem: String| Err(NetworkError::Graph(self.name.clone(), problem));
+        let Window { frames, lead, hop } = self.window;
+        if self.version != 1 {
+            return fail(format!("version {} is not supported (this program reads 1)", self.version));
+        }
+        if hop == 0 || frames > MAX_EXTENT || lead + hop > frames {
+            return fail(format!("window of {frames} frames cannot give {hop} from frame {lead}"));
+        }
+        if self.nodes.len() > MAX_NODES {
+            return fail(format!("{} nodes, more than {MAX_NODES}", self.nodes.len()));
+        }
+        let [_, y, x] = self.granularity()?;
+        self.shapes(y, x).map(drop)
+    }
+
+    /// Extents t, y, x of which a window must be a multiple.
+    pub fn granularity(&self) -> Result<[usize; 3], NetworkError> {
+        // How many measurement pixels one pixel of each node spans.
+        let mut spans: HashMap<&str, [usize; 3]> = HashMap::from([(MEASUREMENT, [1; 3])]);
+        let mut largest = [1; 3];
+        for node in &self.nodes {
+            let inputs: Vec<_> =
+                node.inputs.iter().map(|name| spans.get(name.as_str()).copied().unwrap_or([1; 3])).collect();
+            let span = inputs.first().copied().unwrap_or([1; 3]);
+            let span: [usize; 3] = match &node.op {
+                Op::Features { block, .. } => *block,
+                Op::Conv3d(conv) => std::array::from_fn(|i| span[i] * conv.stride[i].min(MAX_EXTENT)),
+                Op::ConvTranspose3d(conv) => std::array::from_fn(|i| span[i] / conv.stride[i].max(1)),
+                Op::Unfold { .. } | Op::BoxEstimate => [1; 3],
+                _ => span,
+            };
+            if span.iter().any(|&s| s > MAX_EXTENT) {
+                return Err(node.fail(format!("spans {span:?} pixels, more than {MAX_EXTENT}")));
+            }
+            largest = std::array::from_fn(|i| lcm(largest[i], span[i].max(1)));
+            spans.insert(&node.name, span);
+        }
+        if largest.iter().any(|&s| s > 16 * MAX_EXTENT) {
+            return Err(NetworkError::Graph(
+                self.name.clone(),
+                format!("granularity {largest:?} is too coarse"),
+            ));
+        }
+        Ok(largest)
+    }
+
+    /// Shapes of all tensors for measurements of `height` × `width` pixels, in the order of the nodes and with
+    /// the measurement first.
+    pub fn shapes(&self, height: usize, width: usize) -> Result<HashMap<&str, Shape>, NetworkError> {
+        let measurement = Shape { t: self.window.frames, y: height, x: width, c: 1 };
+        let mut shapes: HashMap<&str, Shape> = HashMap::from([(MEASUREMENT, measurement)]);
+        // Tensors of one value a pixel are stored densely and feed the operations on pixels; all others feed
+        // convolutions.
+        let mut scalar: HashSet<&str> = HashSet::from([MEASUREMENT]);
+        for node in &self.nodes {
+            let mut inputs = Vec::with_capacity(node.inputs.len());
+            for (i, name) in node.inputs.iter().enumerate() {
+                let &shape = shapes
+                    .get(name.as_str())
+                    .ok_or_else(|| node.fail(format!("no tensor '{name}' before it")))?;
+                let wants_scalar = match &node.op {
+                    Op::BoxEstimate | Op::Features { .. } => true,
+                    Op::Unfold { .. } => i == 1,
+                    _ => false,
+                };
+                if wants_scalar != scalar.contains(name.as_str()) {
+                    let kind = if wants_scalar { "one value a pixel" } else { "feature channels" };
+                    return Err(node.fail(format!("input '{name}' does not hold {kind}")));
+                }
+                inputs.push(shape);
+            }
+            let shape = node.shape(&inputs, measurement, |name| shapes.get(name).copied())?;
+            if matches!(node.op, Op::BoxEstimate | Op::Fuse | Op::Unfold { .. }) {
+                scalar.insert(&node.name);
+            }
+            if shapes.insert(&node.name, shape).is_some() {
+                return Err(node.fail("the name is used twice".into()));
+            }
+        }
+        if !shapes.contains_key(self.output.as_str()) || self.output == MEASUREMENT {
+            return Err(NetworkError::Graph(
+                self.name.clone(),
+                format!("no node '{}' for the output", self.output),
+            ));
+        }
+        Ok(shapes)
+    }
+}
+
+impl Graph {
+    /// Checks that the graph's output is a video: one value a pixel, for the result frames or the whole window.
+    pub fn check_renders_video(&self) -> Result<(), NetworkError> {
+        let [_, y, x] = self.granularity()?;
+        let output = self.shapes(y, x)?[self.output.as_str()];
+        let frames = [self.window.frames, self.window.hop];
+        if output.y != y || output.x != x || output.c != 1 || !frames.contains(&output.t) {
+            return Err(NetworkError::Graph(
+                self.name.clone(),
+                format!("output is {output}, not a video of {} or {} frames", frames[0], frames[1]),
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl Node {
+    pub(super) fn fail(&self, problem: String) -> NetworkError {
+        NetworkError::Node { node: self.name.clone(), problem }
+    }
+
+    /// The convolution of this node, if it is one.
+    pub fn convolution(&self) -> Option<&Convolution> {
+        match &self.op {
+            Op::Conv3d(conv) | Op::ConvTranspose3d(conv) => Some(conv),
+            _ => None,
+        }
+    }
+
+    fn shape<'a>(
+        &'a self,
+        inputs: &[Shape],
+        measurement: Shape,
+        lookup: impl Fn(&'a str) -> Option<Shape>,
+    ) -> Result<Shape, NetworkError> {
+        let arity = |n: usize| {
+            if inputs.len() == n {
+                Ok(())
+            } else {
+                Err(self.fail(format!("wants {n} inputs, has {}", inputs.len())))
+            }
+        };
+        let shape = match &self.op {
+            Op::BoxEstimate => {
+                arity(1)?;
+                inputs[0]
+            }
+            Op::Features { channels, block } => {
+                arity(2)?;
+                if inputs.iter().any(|&s| s != measurement) {
+                    return Err(self.fail("its inputs must be the measurement and a whole estimate".into()));
+                }
+                if channels.is_empty() || channels.len() > 16 {
+                    return Err(self.fail(format!("{} channels a pixel", channels.len())));
+                }
+                if !block.iter().all(|b| (1..=MAX_EXTENT).contains(b)) {
+                    return Err(self.fail(format!("block {block:?}")));
+                }
+                let extent = measurement.extent();
+                if (0..3).any(|i| extent[i] % block[i] != 0) {
+                    return Err(self.fail(format!("block {block:?} does not divide {measurement}")));
+                }
+                Shape::new(
+                    std::array::from_fn(|i| extent[i] / block[i]),
+                    channels.len() * block.iter().product::<usize>(),
+                )
+            }
+            Op::Conv3d(conv) | Op::ConvTranspose3d(conv) => {
+                arity(1)?;
+                let transposed = matches!(self.op, Op::ConvTranspose3d(_));
+                let shape = conv.shape(inputs[0], transposed).map_err(|problem| self.fail(problem))?;
+                if let Some(add) = &conv.add {
+                    match lookup(add) {
+                        Some(added) if added == shape => {}
+                        Some(added) => return Err(self.fail(format!("adds '{add}' of {added} to {shape}"))),
+                        None => return Err(self.fail(format!("no tensor '{add}' before it"))),
+                    }
+                }
+                shape
+            }
+            Op::Concat => {
+                let [first, .., _] = inputs else {
+                    return Err(self.fail("wants two inputs or more".into()));
+                };
+                if inputs.iter().any(|s| s.extent() != first.extent()) {
+                    return Err(self.fail("its inputs differ in extent".into()));
+                }
+                if inputs[..inputs.len() - 1].iter().any(|s| s.c % 4 != 0) {
+                    return Err(self.fail("all inputs but the last need a multiple of 4 channels".into()));
+                }
+                Shape { c: inputs.iter().map(|s| s.c).sum(), ..*first }
+            }
+            Op::InverseResponse { exposures } => {
+                arity(1)?;
+                if exposures.len() != inputs[0].c || !exposures.iter().all(|e| e.is_finite() && *e > 0.0) {
+                    return Err(self.fail(format!("exposures {exposures:?} for {} channels", inputs[0].c)));
+                }
+                Shape { c: 2 * inputs[0].c, ..inputs[0] }
+            }
+            Op::Fuse => {
+                arity(2)?;
+                let [weights, rendered] = inputs else { unreachable!("two inputs") };
+                if weights.extent() != rendered.extent() || 2 * weights.c != rendered.c {
+                    return Err(self.fail(format!("weights {weights} do not fit {rendered}")));
+                }
+                Shape { c: 1, ..*weights }
+            }
+            Op::Unfold { block, start } => {
+                arity(2)?;
+                let [residual, estimate] = inputs else { unreachable!("two inputs") };
+                if !block.iter().all(|b| (1..=MAX_EXTENT).contains(b))
+                    || block.iter().product::<usize>() != residual.c
+                {
+                    return Err(self.fail(format!("block {block:?} for {} channels", residual.c)));
+                }
+                let extent = residual.extent();
+                let shape = Shape::new(std::array::from_fn(|i| extent[i] * block[i]), 1);
+                if shape.y != estimate.y || shape.x != estimate.x || start + shape.t > estimate.t {
+                    return Err(
+                        self.fail(format!("{shape} from frame {start} does not fit estimate {estimate}"))
+                    );
+                }
+                shape
+            }
+        };
+        if shape.c > MAX_CHANNELS {
+            return Err(self.fail(format!("{} channels, more than {MAX_CHANNELS}", shape.c)));
+        }
+        Ok(shape)
+    }
+}
+
+impl Convolution {
+    /// Shape of the result for an input of `input`.
+    pub fn shape(&self, input: Shape, transposed: bool) -> Result<Shape, String> {
+        let Self { kernel, stride, out_channels, .. } = self;
+        if *out_channels == 0 || *out_channels > MAX_CHANNELS {
+            return Err(format!("{out_channels} output channels"));
+        }
+        for axis in 0..3 {
+            let (k, s) = (kernel[axis], stride[axis]);
+            let fits = if transposed { k >= s && (k - s) % 2 == 0 } else { k % 2 == 1 };
+            if k == 0 || k > 15 || s == 0 || s > 4 || !fits {
+                return Err(format!("kernel {kernel:?} with stride {stride:?}"));
+            }
+        }
+        let extent = input.extent();
+        let out = |axis: usize| {
+            if transposed { extent[axis] * stride[axis] } else { extent[axis].div_ceil(stride[axis]) }
+        };
+        Ok(Shape::new(std::array::from_fn(out), *out_channels))
+    }
+
+    /// Zero padding in front along t, y, x.
+    pub fn padding(&self, transposed: bool) -> [usize; 3] {
+        std::array::from_fn(|i| {
+            if transposed { (self.kernel[i] - self.stride[i]) / 2 } else { (self.kernel[i] - 1) / 2 }
+        })
+    }
+
+    /// Number of taps.
+    pub fn taps(&self) -> usize {
+        self.kernel.iter().product()
+    }
+}

@@ -1,0 +1,184 @@
+//! A graph with its tensors, read from and written to weights files.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::sync::Arc;
+
+use half::f16;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+use serde_json::Value;
+
+use super::{Convolution, Graph, NetworkError, Op};
+use crate::{At, Error, Result};
+
+/// Value of the metadata key `format`.
+const FORMAT: &str = "pix2hdr-weights/1";
+
+/// Largest weights file that is read: a bound on what a hostile file can make us allocate.
+const MAX_FILE: u64 = 1 << 30;
+
+/// A net that can be lowered: graph and tensors.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The operations.
+    pub graph: Graph,
+    /// Tensors of each convolution, by node.
+    pub layers: HashMap<String, Arc<Layer>>,
+    /// What the weights were trained for and how.
+    pub trained: Trained,
+}
+
+/// Tensors of one convolution, as in the file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layer {
+    /// `conv3d`: [out, in, kt, ky, kx]; `conv_transpose3d`: [in, out, kt, ky, kx].
+    pub weight: Vec<f32>,
+    /// One value an output channel.
+    pub bias: Vec<f32>,
+    /// Scale and shift, one value an output channel each, where the node has `norm`.
+    pub norm: Option<(Vec<f32>, Vec<f32>)>,
+}
+
+/// What is known about the training.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trained {
+    /// The response that the net was trained for, as in `capture.json`, or "any".
+    pub response: Value,
+    /// Data, seed, steps, hours, hardware, scores.
+    pub provenance: Value,
+}
+
+impl Model {
+    /// Reads a weights file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let len = std::fs::metadata(path).at(path)?.len();
+        if len > MAX_FILE {
+            let problem = format!("{len} bytes, more than the {MAX_FILE} that a weights file may have");
+            return Err(Error::from(NetworkError::Format(problem)).at(path));
+        }
+        Self::from_bytes(&std::fs::read(path).at(path)?).at(path)
+    }
+
+    /// Reads a weights file from memory.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, NetworkError> {
+        let format = |problem: String| NetworkError::Format(problem);
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| format(e.to_string()))?;
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let entry = |key: &str| {
+            metadata.get(key).ok_or_else(|| NetworkError::Format(format!("its metadata lacks '{key}'")))
+        };
+        if entry("format")? != FORMAT {
+            return Err(format(format!(
+                "its format is '{}', this program reads '{FORMAT}'",
+                entry("format")?
+            )));
+        }
+        let json = |key: &str| -> Result<Value, NetworkError> {
+            serde_json::from_str(entry(key)?).map_err(|e| format(format!("metadata '{key}': {e}")))
+        };
+        let graph = Graph::from_json(entry("graph")?)?;
+        let trained = Trained { response: json("response")?, provenance: json("provenance")? };
+        let file = SafeTensors::deserialize(bytes).map_err(|e| format(e.to_string()))?;
+        let mut tensors: HashMap<String, TensorView<'_>> = file.tensors().into_iter().collect();
+        let mut layers = HashMap::new();
+        for (name, specs) in layer_shapes(&graph)? {
+            let mut read: Vec<Vec<f32>> = Vec::new();
+            for (suffix, shape) in &specs {
+                let tensor = format!("{name}.{suffix}");
+                let view = tensors.remove(&tensor).ok_or_else(|| NetworkError::Tensor {
+                    tensor: tensor.clone(),
+                    problem: format!("missing; the graph wants it as {shape:?}"),
+                })?;
+                read.push(values(&view, shape).map_err(|problem| NetworkError::Tensor { tensor, problem })?);
+            }
+            layers.insert(name.to_owned(), Arc::new(Layer::from_parts(read)));
+        }
+        if let Some(name) = tensors.keys().min() {
+            return Err(NetworkError::Tensor {
+                tensor: name.clone(),
+                problem: "the graph has no use for it".into(),
+            });
+        }
+        Ok(Self { graph, layers, trained })
+    }
+
+    /// The same graph with random weights of a spread that keeps activations near unit size: for benchmarks
+    /// and tests, which do not care what a net was trained for.
+    pub fn random(graph: Graph, seed: u64) -> Result<Self, NetworkError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut layers = HashMap::new();
+        for (name, specs) in layer_shapes(&graph)? {
+            let parts = specs.iter().map(|(suffix, shape)| {
+                let len: usize = shape.iter().product();
+                let fan_in = if *suffix == "weight" { len / shape[0].max(1) } else { 100 };
+                let spread = (3.0 / fan_in.max(1) as f32).sqrt();
+                let center = if *suffix == "scale" { 1.0 } else { 0.0 };
+                (0..len).map(|_| center + rng.random_range(-spread..spread)).collect()
+            });
+            layers.insert(name.to_owned(), Arc::new(Layer::from_parts(parts.collect())));
+        }
+        let trained = Trained { response: "any".into(), provenance: serde_json::json!({"random": seed}) };
+        Ok(Self { graph, layers, trained })
+    }
+
+    /// Number of values in all tensors.
+    pub fn parameters(&self) -> usize {
+        let norm = |layer: &Layer| layer.norm.as_ref().map_or(0, |(a, b)| a.len() + b.len());
+        self.layers.values().map(|layer| layer.weight.len() + layer.bias.len() + norm(layer)).sum()
+    }
+}
+
+impl Layer {
+    /// Weight, bias and, if there are four parts, scale and shift.
+    fn from_parts(parts: Vec<Vec<f32>>) -> Self {
+        let mut parts = parts.into_iter();
+        let mut next = || parts.next();
+        let (weight, bias) = (next().unwrap_or_default(), next().unwrap_or_default());
+        Self { weight, bias, norm: next().zip(next()) }
+    }
+}
+
+/// Suffixes and shapes of a layer's tensors.
+type Specs = Vec<(&'static str, Vec<usize>)>;
+
+/// Names, suffixes and shapes of all tensors that a graph needs, by node.
+fn layer_shapes(graph: &Graph) -> Result<BTreeMap<&str, Specs>, NetworkError> {
+    let [_, y, x] = graph.granularity()?;
+    let shapes = graph.shapes(y, x)?;
+    let specs = |conv: &Convolution, input: usize, transposed: bool| {
+        let [kt, ky, kx] = conv.kernel;
+        let out = conv.out_channels;
+        let (rows, columns) = if transposed { (input, out) } else { (out, input) };
+        let mut specs = vec![("weight", vec![rows, columns, kt, ky, kx]), ("bias", vec![out])];
+        if conv.norm {
+            specs.extend([("scale", vec![out]), ("shift", vec![out])]);
+        }
+        specs
+    };
+    let convolutions = graph.nodes.iter().filter_map(|node| {
+        let conv = node.convolution()?;
+        let input = shapes[node.inputs[0].as_str()].c;
+        Some((node.name.as_str(), specs(conv, input, matches!(node.op, Op::ConvTranspose3d(_)))))
+    });
+    Ok(convolutions.collect())
+}
+
+/// The values of a tensor as f32, checked.
+fn values(view: &TensorView<'_>, shape: &[usize]) -> Result<Vec<f32>, String> {
+    if view.shape() != shape {
+        return Err(format!("its shape is {:?}, the graph wants {shape:?}", view.shape()));
+    }
+    let bytes = view.data();
+    let values: Vec<f32> = match view.dtype() {
+        Dtype::F32 => bytes.as_chunks().0.iter().map(|&b| f32::from_le_bytes(b)).collect(),
+        Dtype::F16 => bytes.as_chunks().0.iter().map(|&b| f16::from_le_bytes(b).to_f32()).collect(),
+        other => return Err(format!("its type is {other:?}; F32 and F16 are read")),
+    };
+    match values.iter().position(|v| !v.is_finite()) {
+        Some(at) => Err(format!("value {at} is {}", values[at])),
+        None => Ok(values),
+    }
+}

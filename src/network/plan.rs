@@ -1,0 +1,324 @@
+//! Lowering: a model becomes an ordered list of steps over a few buffers that are reused.
+//!
+//! Every tensor lives in a *slot*, a buffer of its own. Tensors whose lifetimes do not overlap share a slot. The
+//! inputs of a concatenation are written straight into the channels of the result, so it costs nothing. A step
+//! never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the GPU.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use super::graph::MEASUREMENT;
+use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Op, Shape, Window};
+
+/// A tensor inside a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct View {
+    /// Which slot.
+    pub slot: usize,
+    /// Value of the slot at which the first pixel's first channel lies.
+    pub offset: usize,
+    /// Values between neighbouring pixels, ≥ `shape.c`. A multiple of 4 for feature channels (the padding
+    /// channels hold finite values that no result depends on), 1 for tensors of one value a pixel.
+    pub stride: usize,
+    /// Extents.
+    pub shape: Shape,
+}
+
+impl View {
+    /// Frames `start` … `start + frames` of this view.
+    #[must_use]
+    pub fn frames(self, start: usize, frames: usize) -> Self {
+        let shape = Shape { t: frames, ..self.shape };
+        Self { offset: self.offset + start * self.shape.y * self.shape.x * self.stride, shape, ..self }
+    }
+}
+
+/// What a step computes. One variant, one shader, one CPU twin.
+#[derive(Clone, Debug)]
+pub enum Kernel {
+    /// Box filter: measurement → estimate.
+    BoxEstimate,
+    /// Normalise and fold: measurement, estimate → channels.
+    Features {
+        /// Channels per pixel.
+        channels: Vec<Feature>,
+        /// Block that is folded.
+        block: Block,
+    },
+    /// Convolution and epilogue: x (, added) → channels.
+    Conv3d(Arc<ConvolutionStep>),
+    /// Transposed convolution and epilogue: x (, added) → channels.
+    ConvTranspose3d(Arc<ConvolutionStep>),
+    /// Rendered pixel values → pixel values and irradiance.
+    InverseResponse {
+        /// Exposure of each channel, in frames.
+        exposures: Vec<f32>,
+    },
+    /// Weighted mean: weights, (pixel values and) irradiance → radiance.
+    Fuse,
+    /// Unfold a log residual over the estimate: channels, estimate → radiance. The estimate's view is already
+    /// cut to the result's frames.
+    Unfold {
+        /// Block that is unfolded.
+        block: Block,
+    },
+}
+
+/// A convolution with all that its kernel needs.
+#[derive(Debug)]
+pub struct ConvolutionStep {
+    /// Taps along t, y, x.
+    pub kernel: [usize; 3],
+    /// Steps along t, y, x.
+    pub stride: [usize; 3],
+    /// Zero padding in front along t, y, x.
+    pub padding: [usize; 3],
+    /// Input channels.
+    pub in_channels: usize,
+    /// Output channels.
+    pub out_channels: usize,
+    /// Applied to sum and bias.
+    pub activation: Activation,
+    /// Weights, bias, scale and shift.
+    pub layer: Arc<Layer>,
+}
+
+/// One kernel call.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// Name of the node.
+    pub name: String,
+    /// What is computed.
+    pub kernel: Kernel,
+    /// What is read.
+    pub inputs: Vec<View>,
+    /// What is written.
+    pub output: View,
+}
+
+/// A model lowered for one window size.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Name of the graph.
+    pub name: String,
+    /// Steps in order.
+    pub steps: Vec<Step>,
+    /// Size of each slot, in values.
+    pub slots: Vec<usize>,
+    /// Where the pixel values [frames, H, W] go in.
+    pub measurement: View,
+    /// Where the result [hop, H, W] comes out.
+    pub result: View,
+    /// What the net sees at once.
+    pub window: Window,
+}
+
+/// A buffer before it has a slot: tensors that lie side by side, and the steps between which it is needed.
+struct Buffer {
+    len: usize,
+    first: usize,
+    last: usize,
+}
+
+/// Where a tensor lies: buffer, first channel, values between pixels.
+#[derive(Clone, Copy)]
+struct Place {
+    buffer: usize,
+    channel: usize,
+    stride: usize,
+}
+
+impl Plan {
+    /// Lowers `model` for windows of `height` × `width` pixels, which must be multiples of the granularity.
+    pub fn lower(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
+        let graph = &model.graph;
+        let [_, gy, gx] = graph.granularity()?;
+        if height == 0 || width == 0 || height % gy != 0 || width % gx != 0 {
+            return Err(NetworkError::Graph(
+                graph.name.clone(),
+                format!("a window of {height}×{width} pixels is not a multiple of {gy}×{gx}"),
+            ));
+        }
+        Self::lower_unaligned(model, height, width)
+    }
+
+    /// As [`Plan::lower`], for any size that the operations accept: single operations, such as a strided
+    /// convolution, are defined on odd sizes too.
+    pub fn lower_unaligned(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
+        let graph = &model.graph;
+        let shapes = graph.shapes(height, width)?;
+        let (places, mut buffers) = place(graph, &shapes)?;
+        let slots = assign_slots(&mut buffers);
+        let view = |name: &str| {
+            let place = places[name];
+            View {
+                slot: slots.of[place.buffer],
+                offset: place.channel,
+                stride: place.stride,
+                shape: shapes[name],
+            }
+        };
+        let steps = graph
+            .nodes
+            .iter()
+            .filter(|node| !matches!(node.op, Op::Concat))
+            .map(|node| {
+                let mut inputs: Vec<View> = node.inputs.iter().map(|name| view(name)).collect();
+                let output = view(&node.name);
+                if let Some(added) = node.convolution().and_then(|conv| conv.add.as_ref()) {
+                    inputs.push(view(added));
+                }
+                let convolution = |transposed: bool| {
+                    let conv = node.convolution().expect("called for convolutions only");
+                    Arc::new(ConvolutionStep {
+                        kernel: conv.kernel,
+                        stride: conv.stride,
+                        padding: conv.padding(transposed),
+                        in_channels: inputs[0].shape.c,
+                        out_channels: conv.out_channels,
+                        activation: conv.activation,
+                        layer: Arc::clone(&model.layers[&node.name]),
+                    })
+                };
+                let kernel = match &node.op {
+                    Op::BoxEstimate => Kernel::BoxEstimate,
+                    Op::Features { channels, block } => {
+                        Kernel::Features { channels: channels.clone(), block: *block }
+                    }
+                    Op::Conv3d(_) => Kernel::Conv3d(convolution(false)),
+                    Op::ConvTranspose3d(_) => Kernel::ConvTranspose3d(convolution(true)),
+                    Op::InverseResponse { exposures } => {
+                        Kernel::InverseResponse { exposures: exposures.clone() }
+                    }
+                    Op::Fuse => Kernel::Fuse,
+                    Op::Unfold { block, start } => {
+                        inputs[1] = inputs[1].frames(*start, output.shape.t);
+                        Kernel::Unfold { block: *block }
+                    }
+                    Op::Concat => unreachable!("filtered out"),
+                };
+                debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
+                Step { name: node.name.clone(), kernel, inputs, output }
+            })
+            .collect();
+        let mut result = view(&graph.output);
+        if result.shape.t == graph.window.frames && result.shape.c == 1 {
+            result = result.frames(graph.window.lead, graph.window.hop);
+        }
+        Ok(Self {
+            name: graph.name.clone(),
+            steps,
+            slots: slots.len,
+            measurement: view(MEASUREMENT),
+            result,
+            window: graph.window,
+        })
+    }
+
+    /// Operations of all convolutions, two per multiplication and addition, for one window.
+    pub fn flop(&self) -> f64 {
+        self.steps.iter().map(Step::flop).sum()
+    }
+
+    /// Bytes of all slots with `bytes` per value.
+    pub fn slot_bytes(&self, bytes: usize) -> usize {
+        self.slots.iter().sum::<usize>() * bytes
+    }
+}
+
+impl Step {
+    /// Operations of the convolution, two per multiplication and addition; 0 for other kernels.
+    pub fn flop(&self) -> f64 {
+        let (conv, pixels) = match &self.kernel {
+            Kernel::Conv3d(conv) => (conv, self.output.shape.pixels()),
+            Kernel::ConvTranspose3d(conv) => (conv, self.inputs[0].shape.pixels()),
+            _ => return 0.0,
+        };
+        let taps: usize = conv.kernel.iter().product();
+        2.0 * pixels as f64 * (taps * conv.in_channels * conv.out_channels) as f64
+    }
+}
+
+/// Gives every tensor a buffer, and every buffer its lifetime in steps.
+fn place<'a>(
+    graph: &'a Graph,
+    shapes: &HashMap<&str, Shape>,
+) -> Result<(HashMap<&'a str, Place>, Vec<Buffer>), NetworkError> {
+    // Which concatenation a tensor is part of, and at which channel.
+    let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
+    for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| matches!(node.op, Op::Concat)) {
+        let mut channel = 0;
+        for input in &node.inputs {
+            if part_of.insert(input, (index, channel)).is_some() {
+                return Err(node.fail(format!("'{input}' is part of two concatenations")));
+            }
+            channel += shapes[input.as_str()].c;
+        }
+    }
+    let mut buffers: Vec<Buffer> = Vec::new();
+    let mut places: HashMap<&str, Place> = HashMap::new();
+    let mut concat_places: HashMap<usize, Place> = HashMap::new();
+    // The measurement keeps its slot, since executors write it from outside.
+    buffers.push(Buffer { len: shapes[MEASUREMENT].len(), first: 0, last: usize::MAX });
+    places.insert(MEASUREMENT, Place { buffer: 0, channel: 0, stride: 1 });
+    for (index, node) in graph.nodes.iter().enumerate() {
+        let mut whole_of = |node: &super::Node| {
+            let shape = shapes[node.name.as_str()];
+            let scalar = matches!(node.op, Op::BoxEstimate | Op::Fuse | Op::Unfold { .. });
+            let stride = if scalar { 1 } else { shape.c.next_multiple_of(4) };
+            buffers.push(Buffer { len: shape.pixels() * stride, first: index, last: index });
+            Place { buffer: buffers.len() - 1, channel: 0, stride }
+        };
+        let place = if let Some(&place) = concat_places.get(&index) {
+            place
+        } else if let Some(&(concat, channel)) = part_of.get(node.name.as_str()) {
+            if part_of.contains_key(graph.nodes[concat].name.as_str()) {
+                return Err(graph.nodes[concat].fail("a concatenation cannot be part of another".into()));
+            }
+            let whole = *concat_places.entry(concat).or_insert_with(|| whole_of(&graph.nodes[concat]));
+            Place { channel: whole.channel + channel, ..whole }
+        } else {
+            whole_of(node)
+        };
+        let added = node.convolution().and_then(|conv| conv.add.as_ref());
+        for input in node.inputs.iter().chain(added) {
+            let read = places[input.as_str()];
+            if read.buffer == place.buffer && !matches!(node.op, Op::Concat) {
+                return Err(node.fail(format!("reads '{input}' from the concatenation that it writes")));
+            }
+            let buffer = &mut buffers[read.buffer];
+            buffer.last = buffer.last.max(index);
+        }
+        buffers[place.buffer].last = buffers[place.buffer].last.max(index);
+        places.insert(&node.name, place);
+    }
+    buffers[places[graph.output.as_str()].buffer].last = usize::MAX;
+    Ok((places, buffers))
+}
+
+/// Sizes of the slots, and the slot of each buffer.
+struct Slots {
+    len: Vec<usize>,
+    of: Vec<usize>,
+}
+
+/// First fit by size: a buffer takes the free slot that wastes or grows least.
+fn assign_slots(buffers: &mut [Buffer]) -> Slots {
+    let mut slots = Slots { len: Vec::new(), of: vec![0; buffers.len()] };
+    let mut busy_until: Vec<usize> = Vec::new();
+    // Buffers are in order of their first step already.
+    for (index, buffer) in buffers.iter().enumerate() {
+        let free = (0..slots.len.len())
+            .filter(|&slot| busy_until[slot] < buffer.first)
+            .min_by_key(|&slot| slots.len[slot].abs_diff(buffer.len));
+        let slot = free.unwrap_or_else(|| {
+            slots.len.push(0);
+            busy_until.push(0);
+            slots.len.len() - 1
+        });
+        slots.len[slot] = slots.len[slot].max(buffer.len);
+        busy_until[slot] = buffer.last;
+        slots.of[index] = slot;
+    }
+    slots
+}

@@ -1,0 +1,47 @@
+//! What the kernels need to know about the camera, as tables.
+
+use super::{Pattern, Response};
+
+/// Intervals of the table of R⁻¹: a multiple of 1023, so that every 10-bit level lies on a node.
+const INTERVALS: usize = 4 * 1023;
+
+/// Exposures and inverse response as tables that a kernel can index.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// Frames after which the exposures repeat.
+    pub period: usize,
+    /// Rows of the pattern's tile.
+    pub rows: usize,
+    /// Columns of the pattern's tile.
+    pub cols: usize,
+    /// Exposure in frames of the read-out that covers a frame: [period, rows, cols].
+    pub exposures: Vec<f32>,
+    /// R⁻¹ in p·frames at y = i/(n − 1), i = 0 … n − 1; linear in between. The last entry is x_sat.
+    pub inverse_response: Vec<f32>,
+}
+
+impl Calibration {
+    /// Tables of a pattern and a response.
+    pub fn new(pattern: &Pattern, response: &Response) -> Self {
+        let period = pattern.period();
+        let exposures = (0..period)
+            .flat_map(|t| {
+                pattern.cells.iter().map(move |cell| cell.covering(t as i64).shutter.exposure() as f32)
+            })
+            .collect();
+        let node = |i: usize| response.exposure(i as f64 / INTERVALS as f64) as f32;
+        Self {
+            period,
+            rows: pattern.rows,
+            cols: pattern.cols,
+            exposures,
+            inverse_response: (0..=INTERVALS).map(node).collect(),
+        }
+    }
+
+    /// Exposure in frames of the read-out that covers schedule time `t` at row `y`, column `x`.
+    pub fn exposure(&self, t: i64, y: usize, x: usize) -> f32 {
+        let t = t.rem_euclid(self.period as i64) as usize;
+        self.exposures[(t * self.rows + y % self.rows) * self.cols + x % self.cols]
+    }
+}

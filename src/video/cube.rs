@@ -1,0 +1,75 @@
+//! A monochrome HDR video in memory.
+
+use super::VideoError;
+
+/// A cube [t, y, x] of linear values (irradiance as a fraction of an anchor, or scene-referred before
+/// normalisation), C-contiguous, origin top left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Video {
+    /// Number of frames.
+    pub frames: usize,
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// `frames`·`height`·`width` values.
+    pub data: Vec<f32>,
+}
+
+impl Video {
+    /// A video of the given extents and data.
+    pub fn new(frames: usize, height: usize, width: usize, data: Vec<f32>) -> Result<Self, VideoError> {
+        let len = frames.checked_mul(height).and_then(|n| n.checked_mul(width));
+        if len != Some(data.len()) {
+            return Err(VideoError::Shape(format!("{} values for {frames}×{height}×{width}", data.len())));
+        }
+        Ok(Self { frames, height, width, data })
+    }
+
+    /// A black video.
+    pub fn black(frames: usize, height: usize, width: usize) -> Self {
+        Self { frames, height, width, data: vec![0.0; frames * height * width] }
+    }
+
+    /// Pixels of one frame.
+    pub fn frame_len(&self) -> usize {
+        self.height * self.width
+    }
+
+    /// One frame [y, x].
+    pub fn frame(&self, t: usize) -> &[f32] {
+        &self.data[t * self.frame_len()..][..self.frame_len()]
+    }
+
+    /// One frame [y, x], to write.
+    pub fn frame_mut(&mut self, t: usize) -> &mut [f32] {
+        let len = self.frame_len();
+        &mut self.data[t * len..][..len]
+    }
+
+    /// The first pixel that is not a finite, non-negative number, as an error.
+    pub fn check_finite(&self) -> Result<(), VideoError> {
+        let Some(at) = self.data.iter().position(|v| !v.is_finite() || *v < 0.0) else { return Ok(()) };
+        let (frame, pixel) = (at / self.frame_len(), at % self.frame_len());
+        let (row, column) = (pixel / self.width, pixel % self.width);
+        Err(VideoError::Pixel { frame, row, column, value: self.data[at] })
+    }
+
+    /// Normalises to the anchor: divides by the 99th percentile and clips to 1 (paper eq. 11). Returns the
+    /// anchor; a black video keeps its values and has anchor 1.
+    pub fn normalise(&mut self) -> f32 {
+        let mut sorted = self.data.clone();
+        let anchor = match sorted.len() {
+            0 => 1.0,
+            n => {
+                let rank = (n - 1) * 99 / 100;
+                *sorted.select_nth_unstable_by(rank, f32::total_cmp).1
+            }
+        };
+        let anchor = if anchor > 0.0 { anchor } else { 1.0 };
+        for value in &mut self.data {
+            *value = (*value / anchor).min(1.0);
+        }
+        anchor
+    }
+}
