@@ -49,10 +49,7 @@ impl Video {
 
     /// The first pixel that is not a finite, non-negative number, as an error.
     pub fn check_finite(&self) -> Result<(), VideoError> {
-        let Some(at) = self.data.iter().position(|v| !v.is_finite() || *v < 0.0) else { return Ok(()) };
-        let (frame, pixel) = (at / self.frame_len(), at % self.frame_len());
-        let (row, column) = (pixel / self.width, pixel % self.width);
-        Err(VideoError::Pixel { frame, row, column, value: self.data[at] })
+        (0..self.frames).try_for_each(|t| super::check_pixels(self.frame(t), t, self.width))
     }
 
     /// Normalises to the anchor: divides by the 99th percentile and clips to 1 (paper eq. 11). Returns the

@@ -1,0 +1,146 @@
+//! Files that appear whole or not at all.
+//!
+//! A file is written under a hidden name in the folder that it is for, and gets its own name when it is complete.
+//! What stood there before stays until then. A result that a killed process leaves behind is never half a file;
+//! a loss of power is not guarded against.
+
+use std::fs;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::{At, Error, Result};
+
+/// A file under a hidden name. Dropped unfinished, it is removed.
+#[derive(Debug)]
+pub struct AtomicFile {
+    /// Where the content goes.
+    pub content: BufWriter<NamedTempFile>,
+    path: PathBuf,
+}
+
+impl AtomicFile {
+    /// Begins the file `path`; makes its folder if there is none.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let folder = make_parent(path)?;
+        let file = hidden(&permissions(false)).suffix(".part").tempfile_in(folder).at(path)?;
+        Ok(Self { content: BufWriter::with_capacity(1 << 20, file), path: path.to_owned() })
+    }
+
+    /// Gives the complete file its name.
+    pub fn finish(self) -> Result<()> {
+        let file = self.content.into_inner().map_err(std::io::IntoInnerError::into_error).at(&self.path)?;
+        file.persist(&self.path).map_err(|failure| failure.error).at(&self.path)?;
+        Ok(())
+    }
+}
+
+/// Writes the file `path` with `write`, whole or not at all.
+pub fn write(
+    path: impl AsRef<Path>,
+    write: impl FnOnce(&mut BufWriter<NamedTempFile>) -> Result<()>,
+) -> Result<()> {
+    let path = path.as_ref();
+    let mut file = AtomicFile::create(path)?;
+    write(&mut file.content).at(path)?;
+    file.finish()
+}
+
+/// Writes the file `path` with the content `bytes`, whole or not at all.
+pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+    write(path, |content| Ok(content.write_all(bytes)?))
+}
+
+/// Makes the folder that `path` lies in, and returns it.
+pub(super) fn make_parent(path: &Path) -> Result<PathBuf> {
+    if path.file_name().is_none() {
+        return Err(Error::Usage("not a name for a file or folder".into())).at(path);
+    }
+    let parent = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(parent).at(parent)?;
+    Ok(parent.to_owned())
+}
+
+/// Names for what is not complete yet.
+pub(super) fn hidden(permissions: &Option<fs::Permissions>) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".pix2hdr-");
+    if let Some(permissions) = permissions {
+        builder.permissions(permissions.clone());
+    }
+    builder
+}
+
+/// The permissions that files and folders of a user have by default (the umask still applies); temporary ones
+/// would be closed to everyone else.
+pub(super) fn permissions(folder: bool) -> Option<fs::Permissions> {
+    #[cfg(unix)]
+    return Some(std::os::unix::fs::PermissionsExt::from_mode(if folder { 0o777 } else { 0o666 }));
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_file_appears_whole_in_a_new_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/c.txt");
+        write_bytes(&path, b"one").unwrap();
+        write_bytes(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(names(path.parent().unwrap()), ["c.txt"]);
+    }
+
+    #[test]
+    fn a_failure_leaves_what_was_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.txt");
+        write_bytes(&path, b"one").unwrap();
+        let failed = write(&path, |content| {
+            content.write_all(b"half")?;
+            Err(Error::Usage("no more".into()))
+        });
+        assert!(failed.unwrap_err().to_string().contains("c.txt"));
+        assert_eq!(fs::read(&path).unwrap(), b"one");
+        assert_eq!(names(folder.path()), ["c.txt"]);
+    }
+
+    #[test]
+    fn a_folder_in_the_way_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c.txt");
+        fs::create_dir(&path).unwrap();
+        assert!(write_bytes(&path, b"one").unwrap_err().to_string().contains("c.txt"));
+        let below = path.join("x");
+        fs::write(&below, b"").unwrap();
+        assert!(write_bytes(below.join("y"), b"one").unwrap_err().to_string().contains('x'));
+        assert!(write_bytes("/", b"one").is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn others_may_read_the_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, theirs) = (folder.path().join("ours"), folder.path().join("theirs"));
+        write_bytes(&ours, b"").unwrap();
+        fs::write(&theirs, b"").unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&theirs));
+    }
+}

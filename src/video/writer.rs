@@ -1,0 +1,129 @@
+//! Writing a video frame by frame, as the name of its destination says.
+
+use std::path::{Path, PathBuf};
+
+use super::exr::{self, PlaneWriting};
+use super::folder::FolderWriter;
+use super::npy::NpyWriter;
+use super::{check_complete, check_frame, extension};
+use crate::{At, Error, Result};
+
+/// How a video is written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Writing {
+    /// Half instead of single precision; values above 65504 become 65504.
+    pub half: bool,
+    /// Whether a folder of pictures that is already there is replaced. Single files are.
+    pub overwrite: bool,
+    /// Duration of a frame, noted in EXR files.
+    pub frame_period_ms: Option<f64>,
+    /// What p = 1 stands for, noted in EXR files.
+    pub anchor: Option<f32>,
+}
+
+impl Default for Writing {
+    fn default() -> Self {
+        Self { half: true, overwrite: false, frame_period_ms: None, anchor: None }
+    }
+}
+
+impl Writing {
+    fn plane(self) -> PlaneWriting {
+        let Self { half, frame_period_ms, anchor, .. } = self;
+        PlaneWriting { half, frame_period_ms, anchor }
+    }
+}
+
+/// A video being written. It appears under its name when it is finished; dropped before, nothing of it stays.
+#[derive(Debug)]
+pub struct VideoWriter(Kind);
+
+#[derive(Debug)]
+enum Kind {
+    Npy(NpyWriter),
+    Folder(FolderWriter),
+    Picture { path: PathBuf, extents: [usize; 3], how: PlaneWriting, frame: Option<Vec<f32>> },
+}
+
+impl VideoWriter {
+    /// Begins a video of `extents` [t, y, x]: a cube if `path` ends in `.npy`, one picture if it ends in `.exr`, a folder of EXR
+    /// pictures if it has no extension.
+    pub fn begin(path: impl AsRef<Path>, extents: [usize; 3], how: Writing) -> Result<Self> {
+        let path = path.as_ref();
+        let kind = match extension(path).as_str() {
+            "npy" => Kind::Npy(NpyWriter::begin(path, extents, how.half)?),
+            "exr" if extents[0] == 1 => {
+                Kind::Picture { path: path.to_owned(), extents, how: how.plane(), frame: None }
+            }
+            "exr" => {
+                let problem = "one .exr file holds one frame; name a folder or a .npy file";
+                return Err(Error::Usage(problem.into())).at(path);
+            }
+            _ if path.is_dir() || path.extension().is_none() => {
+                Kind::Folder(FolderWriter::begin(path, extents, how.overwrite, how.plane())?)
+            }
+            _ => {
+                let problem =
+                    "a video is written as a folder of .exr pictures (a name without extension) or as .npy";
+                return Err(Error::Usage(problem.into())).at(path);
+            }
+        };
+        Ok(Self(kind))
+    }
+
+    /// Appends one frame [y, x]. Every value must be finite and ≥ 0.
+    pub fn push(&mut self, frame: &[f32]) -> Result<()> {
+        match &mut self.0 {
+            Kind::Npy(writer) => writer.push(frame),
+            Kind::Folder(writer) => writer.push(frame),
+            Kind::Picture { path, extents, frame: held, .. } => {
+                check_frame(frame, usize::from(held.is_some()), *extents).at(path)?;
+                *held = Some(frame.to_vec());
+                Ok(())
+            }
+        }
+    }
+
+    /// Completes the video; an error if fewer frames came than were promised.
+    pub fn finish(self) -> Result<()> {
+        match self.0 {
+            Kind::Npy(writer) => writer.finish(),
+            Kind::Folder(writer) => writer.finish(),
+            Kind::Picture { path, extents, how, frame } => {
+                check_complete(usize::from(frame.is_some()), extents[0]).at(&path)?;
+                exr::write(path, &frame.unwrap_or_default(), extents[2], how)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::video::{self, Video};
+
+    #[test]
+    fn every_kind_of_file_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let video = Video::new(1, 2, 3, (0..6).map(|i| i as f32).collect()).unwrap();
+        for name in ["a.npy", "A.EXR", "sequence"] {
+            let path = folder.path().join(name);
+            video::write(&path, &video, Writing::default()).unwrap();
+            assert_eq!(video::read(&path).unwrap(), video);
+        }
+        let two = Video::black(2, 2, 3);
+        let error = video::write(folder.path().join("a.exr"), &two, Writing::default()).unwrap_err();
+        assert!(error.to_string().contains("one frame"));
+        let error = video::write(folder.path().join("a.mp4"), &two, Writing::default()).unwrap_err();
+        assert!(error.to_string().contains(".npy"));
+    }
+
+    #[test]
+    fn unknown_files_are_refused_with_the_cure() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mp4");
+        assert!(video::read(&path).unwrap_err().to_string().contains("a.mp4"));
+        std::fs::write(&path, b"").unwrap();
+        assert!(video::read(&path).unwrap_err().to_string().contains("a folder of .exr"));
+    }
+}
