@@ -5,6 +5,7 @@
 
 pub mod baseline;
 pub mod cpu;
+pub mod dataset;
 mod error;
 pub mod gpu;
 mod math;

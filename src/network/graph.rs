@@ -201,6 +201,50 @@ impl Graph {
         Ok(largest)
     }
 
+    /// Pixels beyond its own that the output depends on, to each side along t, y, x: the halo that a tile needs
+    /// to give the same result as the whole.
+    pub fn reach(&self) -> Result<[usize; 3], NetworkError> {
+        self.granularity()?;
+        // Span and reach of each node, in measurement pixels.
+        let mut known: HashMap<&str, ([usize; 3], [usize; 3])> =
+            HashMap::from([(MEASUREMENT, ([1; 3], [0; 3]))]);
+        for node in &self.nodes {
+            let added = node.convolution().and_then(|conv| conv.add.as_ref());
+            let inputs = node.inputs.iter().chain(added);
+            let mut reach = [0; 3];
+            for input in inputs {
+                let (_, r) = known.get(input.as_str()).copied().unwrap_or_default();
+                reach = std::array::from_fn(|i| reach[i].max(r[i]));
+            }
+            let first = node.inputs.first().map_or(MEASUREMENT, String::as_str);
+            let (span, _) = known.get(first).copied().unwrap_or(([1; 3], [0; 3]));
+            let (span, more): ([usize; 3], [usize; 3]) = match &node.op {
+                Op::BoxEstimate => (span, [0, 1, 1]),
+                Op::Features { block, .. } => (*block, [0; 3]),
+                Op::Conv3d(conv) => {
+                    let padding = conv.padding(false);
+                    (
+                        std::array::from_fn(|i| span[i] * conv.stride[i]),
+                        std::array::from_fn(|i| padding[i] * span[i]),
+                    )
+                }
+                Op::ConvTranspose3d(conv) => {
+                    let padding = conv.padding(true);
+                    let taps =
+                        |i: usize| (conv.kernel[i] - 1 - padding[i]).max(padding[i]).div_ceil(conv.stride[i]);
+                    (
+                        std::array::from_fn(|i| span[i] / conv.stride[i]),
+                        std::array::from_fn(|i| taps(i) * span[i]),
+                    )
+                }
+                Op::Unfold { .. } => ([1; 3], [0; 3]),
+                Op::Concat | Op::InverseResponse { .. } | Op::Fuse => (span, [0; 3]),
+            };
+            known.insert(&node.name, (span, std::array::from_fn(|i| reach[i] + more[i])));
+        }
+        Ok(known.get(self.output.as_str()).map_or([0; 3], |(_, reach)| *reach))
+    }
+
     /// Shapes of all tensors for measurements of `height` × `width` pixels, in the order of the nodes and with
     /// the measurement first.
     pub fn shapes(&self, height: usize, width: usize) -> Result<HashMap<&str, Shape>, NetworkError> {
@@ -303,7 +347,7 @@ impl Node {
                     return Err(self.fail(format!("block {block:?}")));
                 }
                 let extent = measurement.extent();
-                if (0..3).any(|i| extent[i] % block[i] != 0) {
+                if (0..3).any(|i| !extent[i].is_multiple_of(block[i])) {
                     return Err(self.fail(format!("block {block:?} does not divide {measurement}")));
                 }
                 Shape::new(

@@ -133,7 +133,7 @@ impl Plan {
     pub fn lower(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let [_, gy, gx] = graph.granularity()?;
-        if height == 0 || width == 0 || height % gy != 0 || width % gx != 0 {
+        if height == 0 || width == 0 || !height.is_multiple_of(gy) || !width.is_multiple_of(gx) {
             return Err(NetworkError::Graph(
                 graph.name.clone(),
                 format!("a window of {height}×{width} pixels is not a multiple of {gy}×{gx}"),

@@ -1,9 +1,14 @@
 //! Ground truth: scenes as functions of time and place, and their rendering with physical motion blur.
 
+mod clips;
+mod panorama;
 mod render;
 
 use glam::Vec2;
 
+pub(crate) use clips::Draw;
+pub use clips::{Moves, Speed, suite_clip, training_clip};
+pub use panorama::{Camera, Flicker, Motion, Mover, Panorama, PanoramaScene};
 pub use render::{Rendering, render};
 
 /// A scene that can be looked at at any instant.

@@ -30,24 +30,22 @@ pub fn render(scene: &dyn Scene, how: Rendering) -> Video {
     let Rendering { frames, height, width, instants, positions, seed } = how;
     let mut video = Video::black(frames, height, width);
     let share = 1.0 / (instants * positions) as f32;
-    for t in 0..frames {
-        for instant in 0..instants {
-            // Positions are jittered so that detail finer than a pixel averages instead of aliasing, the same
-            // way in every pixel and frame, so that a static scene is static.
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            rng.set_stream(instant as u64);
-            let offset = Vec2::new(rng.random(), rng.random());
-            let look = scene.instant(t as f32 + (instant as f32 + 0.5) / instants as f32);
-            video.frame_mut(t).par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-                for (x, pixel) in row.iter_mut().enumerate() {
-                    let corner = Vec2::new(x as f32, y as f32);
-                    for position in 0..positions {
-                        *pixel += share * look(corner + jitter(offset, instant * positions + position));
-                    }
-                }
-            });
-        }
-    }
+    // Positions are jittered so that detail finer than a pixel averages instead of aliasing, the same way in every
+    // pixel and frame, so that a static scene is static.
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let offset = Vec2::new(rng.random(), rng.random());
+    let jitters: Vec<Vec2> = (0..instants * positions).map(|index| jitter(offset, index)).collect();
+    let time = |t: usize, instant: usize| t as f32 + (instant as f32 + 0.5) / instants as f32;
+    video.data.par_chunks_mut(width * height).enumerate().for_each(|(t, frame)| {
+        let looks: Vec<_> = (0..instants).map(|instant| scene.instant(time(t, instant))).collect();
+        frame.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (x, pixel) in row.iter_mut().enumerate() {
+                let corner = Vec2::new(x as f32, y as f32);
+                let light = |(index, jitter): (usize, &Vec2)| looks[index / positions](corner + *jitter);
+                *pixel = share * jitters.iter().enumerate().map(light).sum::<f32>();
+            }
+        });
+    });
     video
 }
 

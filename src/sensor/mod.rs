@@ -1,18 +1,18 @@
 //! The camera: patterns of exposures, response, noise, and the captures that they make.
 
 mod calibration;
-// mod capture;
-// mod importer;
+mod capture;
+mod importer;
 mod pattern;
 mod response;
-// mod sampler;
+mod sampler;
 
 pub use calibration::Calibration;
-// pub use capture::{Capture, CaptureInfo, Counts, PatternSource, ResponseSource, Timing};
-// pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
+pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
+pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use response::{Form, Response};
-// pub use sampler::{Noise, Sampler};
+pub use sampler::{Noise, Sampler};
 
 /// What can be wrong with a pattern, a response or a capture.
 #[derive(Debug, thiserror::Error)]

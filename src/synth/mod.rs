@@ -1,1 +1,1 @@
-//! synth.
+//! synth

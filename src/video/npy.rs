@@ -21,14 +21,14 @@ const MAX_RANK: usize = 64;
 
 /// Integer pixel values of a capture, in the sensor's own counts.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CountData {
+pub enum Counts {
     /// Up to 8 bits.
     U8(Vec<u8>),
     /// Up to 16 bits.
     U16(Vec<u16>),
 }
 
-impl CountData {
+impl Counts {
     /// Number of values.
     pub fn len(&self) -> usize {
         match self {
@@ -40,6 +40,15 @@ impl CountData {
     /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// An array of the same extents whose value `i` is this one's value `source(i)`.
+    #[must_use]
+    pub fn gather(&self, source: impl Fn(usize) -> usize) -> Self {
+        match self {
+            Self::U8(values) => Self::U8((0..values.len()).map(|i| values[source(i)]).collect()),
+            Self::U16(values) => Self::U16((0..values.len()).map(|i| values[source(i)]).collect()),
+        }
     }
 }
 
@@ -79,16 +88,16 @@ pub fn write_video(path: impl AsRef<Path>, video: &Video, half: bool) -> Result<
 }
 
 /// Reads the counts of a capture, u8 or u16, and their extents [t, y, x].
-pub fn read_counts(path: impl AsRef<Path>) -> Result<([usize; 3], CountData)> {
+pub fn read_counts(path: impl AsRef<Path>) -> Result<([usize; 3], Counts)> {
     let path = path.as_ref();
-    let read = || -> Result<([usize; 3], CountData)> {
+    let read = || -> Result<([usize; 3], Counts)> {
         let mut npy = Npy::open(path)?;
         let [t, y, x] = npy.header.shape[..] else {
             return Err(npy.header.wrong_rank("a capture has axes [t, y, x]").into());
         };
         let counts = match npy.header.kind {
-            Kind::U8 => CountData::U8(npy.values(|[value]: [u8; 1]| value)?),
-            Kind::U16 => CountData::U16(npy.values(u16::from_le_bytes)?),
+            Kind::U8 => Counts::U8(npy.values(|[value]: [u8; 1]| value)?),
+            Kind::U16 => Counts::U16(npy.values(u16::from_le_bytes)?),
             Kind::F16 | Kind::F32 | Kind::F64 => {
                 let problem = "holds floating-point numbers, as a video does; a capture is u8 or u16";
                 return Err(VideoError::Format(problem.into()).into());
@@ -99,22 +108,18 @@ pub fn read_counts(path: impl AsRef<Path>) -> Result<([usize; 3], CountData)> {
     read().at(path)
 }
 
-/// Writes the counts of a capture with extents [t, y, x].
-pub fn write_counts(path: impl AsRef<Path>, extents: [usize; 3], counts: &CountData) -> Result<()> {
+/// Writes counts of any extents: [t, y, x] for a capture, [n, t, y, x] for cubes of a data set.
+pub fn write_counts(path: impl AsRef<Path>, extents: &[usize], counts: &Counts) -> Result<()> {
     let path = path.as_ref();
-    if element_count(&extents) != Some(counts.len()) {
-        let [t, y, x] = extents;
-        return Err(VideoError::Shape(format!("{} counts for {t}×{y}×{x}", counts.len()))).at(path);
-    }
-    let kind = match counts {
-        CountData::U8(_) => Kind::U8,
-        CountData::U16(_) => Kind::U16,
-    };
+    check_count(counts.len(), extents).at(path)?;
     super::atomic::write(path, |file| {
-        file.write_all(&header(kind, extents))?;
         match counts {
-            CountData::U8(values) => file.write_all(values)?,
-            CountData::U16(values) => {
+            Counts::U8(values) => {
+                file.write_all(&header(Kind::U8, extents))?;
+                file.write_all(values)?;
+            }
+            Counts::U16(values) => {
+                file.write_all(&header(Kind::U16, extents))?;
                 for value in values {
                     file.write_all(&value.to_le_bytes())?;
                 }
@@ -122,6 +127,26 @@ pub fn write_counts(path: impl AsRef<Path>, extents: [usize; 3], counts: &CountD
         }
         Ok(())
     })
+}
+
+/// Writes half-precision values of any extents.
+pub fn write_halves(path: impl AsRef<Path>, extents: &[usize], values: &[f16]) -> Result<()> {
+    let path = path.as_ref();
+    check_count(values.len(), extents).at(path)?;
+    super::atomic::write(path, |file| {
+        file.write_all(&header(Kind::F16, extents))?;
+        for value in values {
+            file.write_all(&value.to_le_bytes())?;
+        }
+        Ok(())
+    })
+}
+
+fn check_count(len: usize, extents: &[usize]) -> Result<(), VideoError> {
+    if element_count(extents) == Some(len) {
+        return Ok(());
+    }
+    Err(VideoError::Shape(format!("{len} values for extents {extents:?}")))
 }
 
 /// Writes a video frame by frame. The file appears when it is finished.
@@ -145,7 +170,7 @@ impl NpyWriter {
         }
         let mut file = AtomicFile::create(path)?;
         let kind = if half { Kind::F16 } else { Kind::F32 };
-        file.content.write_all(&header(kind, extents)).at(path)?;
+        file.content.write_all(&header(kind, &extents)).at(path)?;
         Ok(Self { file, path: path.to_owned(), extents, pushed: 0, half, line: Vec::new() })
     }
 
@@ -416,9 +441,11 @@ fn read_header(content: &mut impl Read) -> Result<(Header, u64)> {
 }
 
 /// The bytes before the numbers, version 1, padded so that the numbers are aligned to 64 bytes.
-fn header(kind: Kind, [t, y, x]: [usize; 3]) -> Vec<u8> {
+fn header(kind: Kind, extents: &[usize]) -> Vec<u8> {
     let descr = kind.descr();
-    let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({t}, {y}, {x}), }}");
+    let shape: Vec<String> = extents.iter().map(ToString::to_string).collect();
+    let shape = shape.join(", ");
+    let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
     let length = (10 + text.len() + 1).next_multiple_of(64) - 10;
     let mut bytes = MAGIC.to_vec();
     bytes.extend([1, 0]);
@@ -475,13 +502,13 @@ mod tests {
     fn counts_round_trip() {
         let folder = folder();
         let path = folder.path().join("c.npy");
-        let bytes = CountData::U8((0..24).collect());
-        write_counts(&path, [2, 3, 4], &bytes).unwrap();
+        let bytes = Counts::U8((0..24).collect());
+        write_counts(&path, &[2, 3, 4], &bytes).unwrap();
         assert_eq!(read_counts(&path).unwrap(), ([2, 3, 4], bytes.clone()));
-        let words = CountData::U16((0..24).map(|i| i * 2000).collect());
-        write_counts(&path, [2, 3, 4], &words).unwrap();
+        let words = Counts::U16((0..24).map(|i| i * 2000).collect());
+        write_counts(&path, &[2, 3, 4], &words).unwrap();
         assert_eq!(read_counts(&path).unwrap(), ([2, 3, 4], words));
-        assert!(write_counts(&path, [2, 3, 5], &bytes).is_err());
+        assert!(write_counts(&path, &[2, 3, 5], &bytes).is_err());
         assert!(read_video(&path).unwrap_err().to_string().contains("integers"));
     }
 

@@ -1,0 +1,153 @@
+//! Real recordings: timing, and a check for the most common mistake.
+
+use super::{Capture, Timing};
+
+/// Pixel values between which the exposure ratio is judged: above noise and black-level error, below the knee of
+/// saturation.
+const JUDGED: std::ops::Range<f32> = 0.04..0.9;
+
+/// Largest change over time, relative to the mean, up to which a pixel counts as static.
+const STATIC: f32 = 0.1;
+
+/// Least number of pixel pairs for a verdict.
+const ENOUGH: usize = 64;
+
+/// A capture whose frames hold the exposure that covers them, from one that holds the last finished read-out.
+///
+/// Read-outs that end behind the last frame are not known: their frames keep the last value that is.
+#[must_use]
+pub fn hold_to_covering(capture: &Capture) -> Capture {
+    let mut covering = capture.clone();
+    if capture.info.timing == Timing::Covering {
+        return covering;
+    }
+    let (len, width) = (capture.height * capture.width, capture.width);
+    covering.counts = capture.counts.gather(|i| {
+        let (t, pixel) = (i / len, i % len);
+        let cell = capture.pattern.cell(pixel / width, pixel % width);
+        let end = cell.covering(capture.info.schedule_start + t as i64).end() - capture.info.schedule_start;
+        (end as usize).min(capture.frames - 1) * len + pixel
+    });
+    covering.info.timing = Timing::Covering;
+    covering
+}
+
+/// How the values of static pixels scale with their exposure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RatioCheck {
+    /// Median of ln(x_long/x_short)/ln(e_long/e_short) over pairs of neighbouring pixels: 1 if the response is
+    /// right.
+    pub exponent: f64,
+    /// Pairs that were judged.
+    pub pairs: usize,
+}
+
+impl RatioCheck {
+    /// What to tell the user, if the exponent is off by more than scene and noise explain.
+    pub fn warning(&self) -> Option<String> {
+        let off = (self.exponent - 1.0).abs() > 0.15;
+        off.then(|| {
+            format!(
+                "static pixels do not scale with their exposure: doubling it multiplies the value by {:.2} instead \
+                 of 2 (median of {} pairs). Is the recording gamma-encoded, or are response, black level or \
+                 schedule start wrong?",
+                self.exponent.exp2(),
+                self.pairs
+            )
+        })
+    }
+}
+
+/// Compares neighbouring static pixels of different exposure; `None` where there are too few of them.
+pub fn check_exposure_ratio(capture: &Capture) -> Option<RatioCheck> {
+    let Capture { frames, height, width, .. } = *capture;
+    let len = height * width;
+    // Static parts stay static: a few frames spread over the recording are enough.
+    let looks: Vec<usize> = (0..frames.min(16)).map(|i| i * frames / frames.min(16)).collect();
+    let mut values = vec![0.0; len];
+    let mut range = vec![(f32::INFINITY, f32::NEG_INFINITY, 0.0f32); len];
+    for &t in &looks {
+        capture.pixel_values(t, &mut values);
+        for (range, &y) in range.iter_mut().zip(&values) {
+            *range = (range.0.min(y), range.1.max(y), range.2 + y / looks.len() as f32);
+        }
+    }
+    // Mean exposure value and exposure of a static, well exposed pixel.
+    let judged = |y: usize, x: usize| {
+        let (least, most, mean) = range[y * width + x];
+        let exposures: Vec<usize> =
+            capture.pattern.cell(y, x).shutters.iter().map(super::Shutter::exposure).collect();
+        let steady = most - least < STATIC * mean && exposures.iter().all(|e| *e == exposures[0]);
+        let well_exposed = JUDGED.contains(&least) && JUDGED.contains(&most);
+        (steady && well_exposed).then(|| (capture.response.exposure(f64::from(mean)), exposures[0] as f64))
+    };
+    let mut exponents = Vec::new();
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let Some((value, exposure)) = judged(y, x) else { continue };
+        for (ny, nx) in [(y, x + 1), (y + 1, x)] {
+            if ny >= height || nx >= width {
+                continue;
+            }
+            match judged(ny, nx) {
+                Some((other, e)) if e != exposure => {
+                    exponents.push((other / value).ln() / (e / exposure).ln())
+                }
+                _ => {}
+            }
+        }
+    }
+    if exponents.len() < ENOUGH {
+        return None;
+    }
+    let middle = exponents.len() / 2;
+    let exponent = *exponents.select_nth_unstable_by(middle, f64::total_cmp).1;
+    Some(RatioCheck { exponent, pairs: exponents.len() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::{Form, Pattern, Response, Sampler};
+    use crate::video::Video;
+
+    fn camera() -> Sampler {
+        Sampler::new(Pattern::built_in("mpve-1-4").unwrap(), Form::Linear).unwrap()
+    }
+
+    /// A static scene with some texture.
+    fn scene() -> Video {
+        let frame: Vec<f32> = (0..32 * 32).map(|i| 0.06 + 0.02 * (i as f32 * 0.05).sin()).collect();
+        Video { frames: 32, height: 32, width: 32, data: frame.repeat(32) }
+    }
+
+    #[test]
+    fn linear_recordings_pass_and_gamma_encoded_ones_are_named() {
+        let mut capture = camera().sample(&scene()).unwrap();
+        let check = check_exposure_ratio(&capture).unwrap();
+        assert!((check.exponent - 1.0).abs() < 0.03 && check.warning().is_none(), "{check:?}");
+        // The same scene through a gamma that nobody told us of.
+        let mut sampler = camera();
+        sampler.response = Response::new(Form::Gamma(2.2), 2.0).unwrap();
+        capture.counts = sampler.sample(&scene()).unwrap().counts;
+        let check = check_exposure_ratio(&capture).unwrap();
+        assert!(check.warning().is_some(), "{check:?}");
+    }
+
+    #[test]
+    fn hold_becomes_covering() {
+        let mut video = Video::black(40, 8, 8);
+        for t in 0..40 {
+            video.frame_mut(t).fill(0.2 + 0.01 * ((t * t) % 7) as f32);
+        }
+        let mut sampler = camera();
+        sampler.noise = super::super::Noise::NONE;
+        let covering = sampler.sample(&video).unwrap().measurement();
+        sampler.timing = Timing::Hold;
+        let converted = hold_to_covering(&sampler.sample(&video).unwrap());
+        let longest = converted.pattern.longest_readout();
+        let measurement = converted.measurement();
+        for t in 0..40 - longest {
+            assert_eq!(measurement.frame(t), covering.frame(t), "frame {t}");
+        }
+    }
+}

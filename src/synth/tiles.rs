@@ -1,0 +1,118 @@
+//! How a frame is cut into tiles that give the same result as the whole.
+
+use crate::Result;
+use crate::network::{Graph, Model, NetworkError, Plan};
+use crate::sensor::Calibration;
+
+/// A stretch of rows or columns: what is computed, and what of it is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// First row that is kept.
+    pub start: usize,
+    /// Rows that are kept.
+    pub len: usize,
+    /// First row that is computed, ≤ `start`.
+    pub outer_start: usize,
+    /// Rows that are computed.
+    pub outer_len: usize,
+}
+
+/// The tiles of a frame: all pairs of `rows` and `cols`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Grid {
+    /// Stretches of rows, which together keep the padded height once.
+    pub rows: Vec<Stretch>,
+    /// Stretches of columns.
+    pub cols: Vec<Stretch>,
+    /// Height, padded to the granularity.
+    pub height: usize,
+    /// Width, padded to the granularity.
+    pub width: usize,
+}
+
+/// What limits the size of a tile.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Bytes of the largest single buffer.
+    pub buffer: u64,
+    /// Bytes of all buffers together.
+    pub total: u64,
+    /// Longest side of a tile's kept part, in pixels, if the user limits it.
+    pub side: Option<usize>,
+}
+
+impl Grid {
+    /// The coarsest grid whose tiles stay within `limits`.
+    pub fn fit(model: &Model, calibration: &Calibration, [height, width]: [usize; 2], limits: Limits) -> Result<Self> {
+        let cut = Cut::new(&model.graph, calibration)?;
+        let [height, width] = [height.next_multiple_of(cut.unit[0]), width.next_multiple_of(cut.unit[1])];
+        let side = limits.side.unwrap_or(usize::MAX);
+        let mut parts = [height.div_ceil(side.max(cut.unit[0])), width.div_ceil(side.max(cut.unit[1]))];
+        loop {
+            let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
+            let tallest = rows.iter().map(|s| s.outer_len).max().unwrap_or(0);
+            let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
+            let plan = Plan::lower(model, tallest, widest)?;
+            let largest = 4 * plan.slots.iter().max().copied().unwrap_or(0) as u64;
+            if largest <= limits.buffer && plan.slot_bytes(4) as u64 <= limits.total {
+                return Ok(Self { rows, cols, height, width });
+            }
+            // Cut the longer side once more, unless it is cut as finely as it can be.
+            let finest = [height / cut.unit[0], width / cut.unit[1]];
+            let axis = usize::from(widest > tallest);
+            let axis = if parts[axis] < finest[axis] { axis } else { 1 - axis };
+            if parts[axis] >= finest[axis] {
+                return Err(NetworkError::Graph(
+                    model.graph.name.clone(),
+                    format!("even its smallest tile needs a buffer of {largest} bytes, more than {}", limits.buffer),
+                )
+                .into());
+            }
+            parts[axis] += 1;
+        }
+    }
+
+    /// The tiles, row by row.
+    pub fn tiles(&self) -> impl Iterator<Item = (Stretch, Stretch)> + '_ {
+        self.rows.iter().flat_map(|&row| self.cols.iter().map(move |&col| (row, col)))
+    }
+
+    /// Pixels that are computed per pixel that is kept.
+    pub fn overhead(&self) -> f64 {
+        let outer = |stretches: &[Stretch]| stretches.iter().map(|s| s.outer_len).sum::<usize>() as f64;
+        outer(&self.rows) / self.height as f64 * (outer(&self.cols) / self.width as f64)
+    }
+}
+
+/// Where a frame may be cut, and how much a tile must see beyond what it keeps.
+struct Cut {
+    /// Tiles begin at multiples of this: granularity of the net and tile of the pattern.
+    unit: [usize; 2],
+    /// Pixels that a result depends on to each side, a multiple of `unit`.
+    halo: [usize; 2],
+}
+
+impl Cut {
+    fn new(graph: &Graph, calibration: &Calibration) -> Result<Self> {
+        let [_, gy, gx] = graph.granularity()?;
+        let unit = [crate::math::lcm(gy, calibration.rows), crate::math::lcm(gx, calibration.cols)];
+        let [_, ry, rx] = graph.reach()?;
+        Ok(Self { unit, halo: [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])] })
+    }
+
+    /// Cuts `len` into `parts` of nearly equal length.
+    fn stretches(&self, axis: usize, len: usize, parts: usize) -> Vec<Stretch> {
+        let (unit, halo) = (self.unit[axis], self.halo[axis]);
+        let units = len / unit;
+        let cut = |part: usize| units * part / parts.max(1) * unit;
+        (0..parts.max(1))
+            .map(|part| {
+                let (start, end) = (cut(part), cut(part + 1));
+                let outer_start = start.saturating_sub(halo);
+                let outer_len = (end + halo).min(len) - outer_start;
+                Stretch { start, len: end - start, outer_start, outer_len }
+            })
+            .filter(|stretch| stretch.len > 0)
+            .collect()
+    }
+}
