@@ -35,10 +35,15 @@ def _binomial(x: Tensor) -> Tensor:
     """Σ over 3×3 neighbours with weights (1 2 1)ᵀ(1 2 1), borders mirrored."""
     for axis in (-2, -1):
         n = x.shape[axis]
-        before = x.narrow(axis, min(1, n - 1), 1)
-        after = x.narrow(axis, max(n - 2, 0), 1)
-        padded = torch.cat([before, x, after], axis)
-        x = padded.narrow(axis, 0, n) + 2.0 * x + padded.narrow(axis, 2, n)
+        if n == 1:
+            x = 4.0 * x
+            continue
+        total = 2.0 * x
+        total.narrow(axis, 1, n - 1).add_(x.narrow(axis, 0, n - 1))
+        total.narrow(axis, 0, n - 1).add_(x.narrow(axis, 1, n - 1))
+        total.narrow(axis, 0, 1).add_(x.narrow(axis, 1, 1))
+        total.narrow(axis, n - 1, 1).add_(x.narrow(axis, n - 2, 1))
+        x = total
     return x
 
 

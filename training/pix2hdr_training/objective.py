@@ -68,16 +68,16 @@ class Objective:
             wanted = set(net.layers) - self.frozen
         return [p for name, layer in net.layers.items() if name in wanted for p in layer.parameters()]
 
-    def __call__(self, net: nn.Module, graph_net: GraphNet, batch: Batch) -> Tensor:
-        """The loss; `net` is what runs (maybe compiled), `graph_net` the module that it came from."""
+    def __call__(self, net: GraphNet, batch: Batch) -> Tensor:
+        """The loss of a batch."""
         if self.stage == "ldr":
             node = self.inverse_node
-            videos = graph_net.result(net(batch.measurement, batch.exposure, until=node["inputs"][0])).float()
+            videos = net.result(net(batch.measurement, batch.exposure, until=node["inputs"][0])).float()
             return sum(
-                self.loss(videos[:, i], graph_net.inverse.forward(batch.truth * float(e)))
+                self.loss(videos[:, i], net.inverse.forward(batch.truth * float(e)))
                 for i, e in enumerate(node["exposures"])
             )
-        value = graph_net.result(net(batch.measurement, batch.exposure, toned=True)).float()[:, 0]
+        value = net.result(net(batch.measurement, batch.exposure, toned=True)).float()[:, 0]
         if self.medium is None:
             return self.loss(value, tone(batch.truth))
         irradiance = inverse_tone(value).clamp(min=0.0)

@@ -38,12 +38,11 @@ def learning_rate(progress: float, base: float) -> float:
 class Trainer:
     """Net, optimiser and averaged weights; one `step` at a time."""
 
-    def __init__(self, net: GraphNet, objective: Objective, *, ema: float = 0.999, clip: float = 1.0, bf16=False, compiled=False):
+    def __init__(self, net: GraphNet, objective: Objective, *, ema: float = 0.999, clip: float = 1.0, bf16: bool = False):
         self.net, self.objective = net, objective
         self.averaged = copy.deepcopy(net).eval()
         self.averaged.requires_grad_(False)
         objective.set_mode(net)
-        self.runner = torch.compile(net) if compiled else net
         self.parameters = objective.trained_parameters(net)
         self.optimiser = torch.optim.Adam(self.parameters, lr=1e-3, betas=(0.9, 0.999))
         self.ema, self.clip, self.bf16 = ema, clip, bf16
@@ -58,7 +57,7 @@ class Trainer:
         device = batch.measurement.device.type
         cast = torch.autocast(device, torch.bfloat16) if self.bf16 else contextlib.nullcontext()
         with cast:
-            loss = self.objective(self.runner, self.net, batch)
+            loss = self.objective(self.net, batch)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.clip)
@@ -155,8 +154,7 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--ema", type=float, default=0.999, help="decay of the averaged weights")
     parser.add_argument("--clip", type=float, default=1.0, help="largest norm of the gradient")
-    parser.add_argument("--bf16", action="store_true", help="bfloat16 autocast")
-    parser.add_argument("--compile", action="store_true", help="torch.compile")
+    parser.add_argument("--bf16", action="store_true", help="bfloat16 autocast; only for processors that have it (AMX, AVX-512 BF16)")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out, if there is one")
     parser.add_argument("--checkpoint-minutes", type=float, default=5.0)
     parser.add_argument("--log-seconds", type=float, default=10.0)
@@ -188,7 +186,7 @@ class Run:
                 raise ValueError(f"{args.init}: made for another graph")
             net.load_state_dict(state["ema"])
         objective = Objective(net, args.stage, args.loss, paper)
-        self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16, compiled=args.compile)
+        self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
         self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed)
         self.elapsed = 0.0  # seconds of training, over all resumptions
         self.scores: dict | None = None
