@@ -31,7 +31,10 @@ def granularity(graph: dict) -> tuple[int, int]:
     factors = {"measurement": (1, 1)}
     gy, gx = 1, 1
     for node in graph["nodes"]:
-        y, x = factors[node["inputs"][0]]
+        source = node["inputs"][0]
+        if source not in factors:
+            raise GraphError(f"node {node['name']!r}: input {source!r} does not stand before it")
+        y, x = factors[source]
         if node["op"] == "features":
             y, x = y * node["block"][1], x * node["block"][2]
         elif node["op"] == "conv3d":

@@ -11,7 +11,7 @@ LEAKY = {"leaky_relu": 0.2}
 
 def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none", norm=False, add=None, transpose=False):
     """A convolution node; `kernel` and `stride` are (t, y, x)."""
-    return {
+    node = {
         "name": name,
         "op": "conv_transpose3d" if transpose else "conv3d",
         "inputs": [source],
@@ -20,8 +20,8 @@ def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none",
         "stride": list(stride),
         "activation": activation,
         "norm": norm,
-        "add": add,
     }
+    return node if add is None else {**node, "add": add}
 
 
 def fast(
@@ -148,12 +148,8 @@ def to_json(graph: dict) -> str:
     """The graph as JSON, one node a line."""
     head = {key: graph[key] for key in ("version", "name", "pattern", "window")}
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}," for key, value in head.items()]
-    nodes = ",\n".join("    " + json.dumps(_without_defaults(node)) for node in graph["nodes"])
+    nodes = ",\n".join("    " + json.dumps(node) for node in graph["nodes"])
     return "{\n" + "\n".join(lines) + '\n  "nodes": [\n' + nodes + f'\n  ],\n  "output": {json.dumps(graph["output"])}\n}}\n'
-
-
-def _without_defaults(node: dict) -> dict:
-    return {k: v for k, v in node.items() if not ((k == "add" and v is None))}
 
 
 def main() -> None:
