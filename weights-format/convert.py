@@ -26,7 +26,7 @@ def main(arguments=None) -> int:
         state = load_checkpoint(args.checkpoint)
         provenance = json.loads(state["provenance"])
         net = net_from_checkpoint(state)
-        write_weights(args.out, net, response=state["response"], provenance=provenance, half=args.f16)
+        write_weights(args.out, net, response=json.loads(state["response"]), provenance=provenance, half=args.f16)
     except (OSError, ValueError, RuntimeError) as error:
         print(f"convert: {args.checkpoint}: {error}", file=sys.stderr)
         return 1

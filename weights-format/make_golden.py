@@ -69,11 +69,10 @@ def graph_of(name: str, nodes: list[dict], frames: int, pattern: str = "mpve-1-4
 
 
 def features(channels=("log_irradiance",), block=(1, 1, 1)) -> list[dict]:
-    """`estimate` (where a channel needs it) and `features`."""
-    needs = "log_estimate" in channels
-    inputs = ["measurement", "estimate"] if needs else ["measurement"]
+    """`estimate` and `features`."""
+    inputs = ["measurement", "estimate"]
     node = {"name": "features", "op": "features", "inputs": inputs, "channels": list(channels), "block": list(block)}
-    return [ESTIMATE, node] if needs else [node]
+    return [ESTIMATE, node]
 
 
 def convolution_cases() -> list[Case]:

@@ -35,6 +35,7 @@ def tensors_of(net: GraphNet) -> dict[str, np.ndarray]:
 def write_weights(path, net: GraphNet, *, response="any", provenance: dict | None = None, half: bool = False) -> None:
     """Writes a weights file, F32 or (`half`) F16, by way of a temporary file.
 
+    `response` is "any" or a response as in `capture.json`.
     Raises ValueError where a tensor is not finite in the chosen type, or not what the graph says.
     """
     kind = np.float16 if half else np.float32
@@ -49,7 +50,7 @@ def write_weights(path, net: GraphNet, *, response="any", provenance: dict | Non
     metadata = {
         "format": FORMAT,
         "graph": json.dumps(net.graph),
-        "response": response if isinstance(response, str) else json.dumps(response),
+        "response": json.dumps(response),
         "provenance": json.dumps(provenance or {}),
     }
     write_atomically(path, canonical(save(tensors, metadata)))

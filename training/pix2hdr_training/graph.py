@@ -160,8 +160,7 @@ class GraphNet(nn.Module):
         if op == "box_estimate":
             return box_estimate(inputs[0], exposure.unsqueeze(1), self.inverse)
         if op == "features":
-            estimate = inputs[1][:, 0] if len(inputs) > 1 else None
-            y = inputs[0][:, 0]
+            y, estimate = inputs[0][:, 0], inputs[1][:, 0]
             return fold([self._feature(name, y, estimate, exposure) for name in node["channels"]], node["block"])
         if op == "concat":
             return torch.cat(inputs, 1)
@@ -180,7 +179,7 @@ class GraphNet(nn.Module):
             return v if toned else inverse_tone(v)
         raise layout.GraphError(f"operation {op!r} is not known")
 
-    def _feature(self, name: str, y: Tensor, estimate: Tensor | None, exposure: Tensor) -> Tensor:
+    def _feature(self, name: str, y: Tensor, estimate: Tensor, exposure: Tensor) -> Tensor:
         if name == "measurement":
             return y
         if name == "log_irradiance":

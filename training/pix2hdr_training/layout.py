@@ -85,9 +85,8 @@ def _shape(node: dict, inputs: list[Shape], known: dict[str, Shape]) -> Shape:
         return first
     if op == "features":
         bt, by, bx = node["block"]
-        need(node["inputs"][0] == "measurement", "the first input is `measurement`")
-        need(len(inputs) == 2 or "log_estimate" not in node["channels"], "`log_estimate` needs the estimate as input")
-        need(all(i == first for i in inputs), "inputs must have one shape")
+        need(len(inputs) == 2 and node["inputs"][0] == "measurement", "takes `measurement` and an estimate")
+        need(inputs[1] == first, "the estimate has another shape")
         need(first.t % bt == 0 and first.y % by == 0 and first.x % bx == 0, "the block does not divide the input")
         return Shape(first.t // bt, first.y // by, first.x // bx, len(node["channels"]) * bt * by * bx)
     if op in CONVOLUTIONS:

@@ -87,7 +87,14 @@ def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper
         return conv(*args, activation=LEAKY, norm=True, **more)
 
     nodes = [
-        {"name": "input", "op": "features", "inputs": ["measurement"], "channels": ["measurement"], "block": [1, 1, 1]},
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {
+            "name": "input",
+            "op": "features",
+            "inputs": ["measurement", "estimate"],
+            "channels": ["measurement"],
+            "block": [1, 1, 1],
+        },
         active("encoder1", "input", c1, (7, 7, 7)),
         active("encoder2a", "encoder1", c2, k3),
         active("encoder2b", "encoder2a", c2, k3, stride=two),

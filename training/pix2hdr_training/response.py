@@ -16,8 +16,8 @@ class InverseResponse:
         values = np.asarray(table, dtype=np.float64)
         if values.ndim != 1 or len(values) < 2:
             raise ValueError("inverse response: the table needs at least two entries")
-        if not np.all(np.isfinite(values)) or np.any(np.diff(values) <= 0):
-            raise ValueError("inverse response: the table must be finite and strictly increasing")
+        if not np.all(np.isfinite(values)) or np.any(np.diff(values) < 0) or values[-1] <= values[0]:
+            raise ValueError("inverse response: the table must be finite and increasing")
         straight = np.linspace(values[0], values[-1], len(values))
         self.linear = bool(values[0] == 0.0 and np.allclose(values, straight, rtol=0, atol=1e-6 * values[-1]))
         self.saturation = float(values[-1])
@@ -35,7 +35,8 @@ class InverseResponse:
         x = x.clamp(self.table[0].item(), self.saturation).contiguous()
         index = torch.searchsorted(table, x, right=True).clamp(1, len(table) - 1) - 1
         low = table[index]
-        return (index + (x - low) / (table[index + 1] - low)) / (len(table) - 1)
+        step = (table[index + 1] - low).clamp(min=torch.finfo(x.dtype).tiny)
+        return (index + (x - low) / step) / (len(table) - 1)
 
     def __call__(self, y: Tensor) -> Tensor:
         """Exposure value x in p·frames for pixel values y of any shape."""

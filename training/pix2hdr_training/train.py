@@ -124,9 +124,9 @@ def response_of(graph: dict, dataset: Dataset):
     if not sees_pixels:
         return "any"
     if "response" in dataset.meta:
-        return json.dumps(dataset.meta["response"])
+        return dataset.meta["response"]
     if dataset.inverse.linear:
-        return json.dumps("linear")
+        return "linear"
     raise ValueError(f"{dataset.folder}: this net depends on the response, but dataset.json has no `response`")
 
 
@@ -226,7 +226,7 @@ class Run:
             "format": CHECKPOINT,
             "graph": json.dumps(self.graph),
             "inverse_response": self.data.inverse.table.tolist(),
-            "response": self.response,
+            "response": json.dumps(self.response),
             "provenance": json.dumps(self.provenance()),
             "elapsed": self.elapsed,
             "scores": json.dumps(self.scores),

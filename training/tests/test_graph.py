@@ -68,7 +68,7 @@ def test_inverse_response_interpolates_and_holds_its_ends():
     torch.testing.assert_close(inverse(inverse.forward(x)), x)
     assert InverseResponse(np.linspace(0, 2, 9)).linear
     with pytest.raises(ValueError, match="increasing"):
-        InverseResponse([0, 1, 1])
+        InverseResponse([0, 1, 0.5])
 
 
 def test_tone_curve():
