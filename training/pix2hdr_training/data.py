@@ -1,0 +1,195 @@
+"""Training cubes (`pix2hdr dataset`): memory-mapped shards, seeded random crops, one prefetching thread."""
+
+import hashlib
+import json
+import queue
+import threading
+from dataclasses import dataclass
+from math import lcm
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from .layout import granularity
+from .pattern import ExposureTable
+from .response import InverseResponse
+
+FORMAT = "pix2hdr-dataset/1"
+
+
+class DatasetError(ValueError):
+    """A data set that cannot be used; the message names the file."""
+
+
+@dataclass
+class Batch:
+    """y and e as [N, frames, H, W] (e may have N = 1), p as [N, hop, H, W]; float32."""
+
+    measurement: torch.Tensor
+    exposure: torch.Tensor
+    truth: torch.Tensor
+
+    def to(self, device) -> "Batch":
+        """The same on a device."""
+        return Batch(self.measurement.to(device), self.exposure.to(device), self.truth.to(device))
+
+
+class Dataset:
+    """A folder of cubes: `truth` f16 [n,t,y,x] irradiance, `measurement` u16 [n,t,y,x] counts."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        path = self.folder / "dataset.json"
+        try:
+            text = path.read_bytes()
+            meta = json.loads(text)
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"{path}: {error}") from error
+        if meta.get("format") != FORMAT:
+            raise DatasetError(f"{path}: format is {meta.get('format')!r}, not {FORMAT!r}")
+        try:
+            shape = (meta["period"], meta["rows"], meta["cols"])
+            self.table = ExposureTable(np.asarray(meta["exposures"], np.float64).reshape(shape))
+            self.inverse = InverseResponse(meta["inverse_response"])
+            self.frames, self.height, self.width = meta["frames"], meta["height"], meta["width"]
+            self.schedule_start = meta["schedule_start"]
+            self.white = float(2 ** meta["bit_depth"] - 1)
+            shards = meta["shards"]
+            saturation = float(meta["saturation"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise DatasetError(f"{path}: {type(error).__name__}: {error}") from error
+        if not np.isclose(saturation, self.inverse.saturation, rtol=1e-6):
+            raise DatasetError(f"{path}: `saturation` is not the last entry of `inverse_response`")
+        self.meta = meta
+        self.digest = hashlib.sha256(text).hexdigest()
+        self.shards = []
+        self.index: list[tuple[int, int]] = []
+        for number, shard in enumerate(shards):
+            expected = (shard["cubes"], self.frames, self.height, self.width)
+            arrays = []
+            for key, kind in (("truth", np.float16), ("measurement", np.uint16)):
+                file = self.folder / shard[key]
+                try:
+                    array = np.load(file, mmap_mode="r")
+                except (OSError, ValueError) as error:
+                    raise DatasetError(f"{file}: {error}") from error
+                if array.shape != expected or array.dtype != kind:
+                    raise DatasetError(f"{file}: {array.dtype} {array.shape}, expected {np.dtype(kind)} {expected}")
+                arrays.append(array)
+            info_file = self.folder / shard["info"]
+            try:
+                info = json.loads(info_file.read_text())
+            except (OSError, ValueError) as error:
+                raise DatasetError(f"{info_file}: {error}") from error
+            if len(info) != shard["cubes"]:
+                raise DatasetError(f"{info_file}: {len(info)} entries for {shard['cubes']} cubes")
+            self.shards.append((*arrays, info))
+            self.index += [(number, i) for i in range(shard["cubes"])]
+        if not self.index:
+            raise DatasetError(f"{path}: no cubes")
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def info(self, cube: int) -> dict:
+        """What the simulator noted about a cube (kind, speed, noise, …)."""
+        shard, i = self.index[cube]
+        return self.shards[shard][2][i]
+
+    def window_starts(self, window: dict) -> list[int]:
+        """First frames of the windows in a cube: the first result frame's schedule time is a multiple of `hop`."""
+        frames, lead, hop = window["frames"], window["lead"], window["hop"]
+        starts = range(self.frames - frames + 1)
+        return [s for s in starts if (self.schedule_start + s + lead) % hop == 0]
+
+    def read(self, cube: int, window: dict, start: int, y0: int, x0: int, height: int, width: int):
+        """(y [frames, H, W], p [hop, H, W]) of one window of one crop, float32."""
+        shard, i = self.index[cube]
+        truth, counts, _ = self.shards[shard]
+        result = start + window["lead"]
+        y, x = slice(y0, y0 + height), slice(x0, x0 + width)
+        measurement = np.asarray(counts[i, start : start + window["frames"], y, x], np.float32) / np.float32(self.white)
+        return measurement, np.asarray(truth[i, result : result + window["hop"], y, x], np.float32)
+
+    def exposure(self, window: dict, start: int, height: int, width: int) -> np.ndarray:
+        """e [frames, H, W] of a window; crops start at multiples of the tile, so one table serves all."""
+        at = self.schedule_start + start
+        return self.table.window(at, window["frames"], height, width).astype(np.float32)
+
+
+class Crops:
+    """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step."""
+
+    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int):
+        self.dataset, self.window = dataset, graph["window"]
+        self.batch, self.crop, self.seed = batch, crop, seed
+        rows, columns = granularity(graph)
+        # Crops must begin where a block and a tile begin.
+        self.step_y, self.step_x = lcm(rows, dataset.table.tile[0]), lcm(columns, dataset.table.tile[1])
+        if crop % rows or crop % columns:
+            raise DatasetError(f"crop {crop}: must be a multiple of the graph's granularity {rows}×{columns}")
+        if crop > min(dataset.height, dataset.width):
+            raise DatasetError(f"crop {crop}: the cubes are only {dataset.height}×{dataset.width}")
+        self.starts = dataset.window_starts(self.window)
+        if not self.starts:
+            raise DatasetError(f"{dataset.folder}: cubes of {dataset.frames} frames hold no window of this graph")
+        phases = {(dataset.schedule_start + s) % dataset.table.period for s in self.starts}
+        self.exposures = {s: dataset.exposure(self.window, s, crop, crop) for s in self.starts}
+        still = all(np.array_equal(e, self.exposures[self.starts[0]]) for e in self.exposures.values())
+        self.one_exposure = len(phases) == 1 or still
+
+    def __call__(self, step: int) -> Batch:
+        rng = np.random.default_rng([self.seed, step])
+        data, crop = self.dataset, self.crop
+        pairs, starts = [], []
+        for _ in range(self.batch):
+            cube = int(rng.integers(len(data)))
+            start = self.starts[int(rng.integers(len(self.starts)))]
+            y0 = self.step_y * int(rng.integers((data.height - crop) // self.step_y + 1))
+            x0 = self.step_x * int(rng.integers((data.width - crop) // self.step_x + 1))
+            pairs.append(data.read(cube, self.window, start, y0, x0, crop, crop))
+            starts.append(start)
+        exposure = np.stack([self.exposures[s] for s in (starts[:1] if self.one_exposure else starts)])
+        return Batch(
+            torch.from_numpy(np.stack([m for m, _ in pairs])),
+            torch.from_numpy(exposure),
+            torch.from_numpy(np.stack([t for _, t in pairs])),
+        )
+
+
+class Prefetch:
+    """Batches first, first + 1, … made ahead in one thread; a failure there is raised here."""
+
+    def __init__(self, crops: Crops, first: int, depth: int = 3):
+        self._queue: queue.Queue = queue.Queue(depth)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._work, args=(crops, first), daemon=True)
+        self._thread.start()
+
+    def _work(self, crops: Crops, step: int) -> None:
+        while not self._stop.is_set():
+            try:
+                item = crops(step)
+            except Exception as error:  # handed to the consumer, which raises it
+                item = error
+            while not self._stop.is_set():
+                try:
+                    self._queue.put(item, timeout=0.2)
+                    break
+                except queue.Full:
+                    continue
+            if isinstance(item, Exception):
+                return
+            step += 1
+
+    def __next__(self) -> Batch:
+        item = self._queue.get()
+        if isinstance(item, Exception):
+            raise item
+        return item
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._stop.set()
+        self._thread.join()

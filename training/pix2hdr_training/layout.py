@@ -1,0 +1,160 @@
+"""Shapes, granularity and cost of a layer graph (weights-format/README.md), without any tensors."""
+
+from dataclasses import dataclass
+from math import lcm, prod
+
+FEATURE_CHANNELS = ("measurement", "log_irradiance", "log_estimate", "saturated", "log_exposure")
+CONVOLUTIONS = ("conv3d", "conv_transpose3d")
+
+
+class GraphError(ValueError):
+    """A layer graph that breaks a rule of the weights format; the message names the node."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Frames, height, width and channels of a node's tensor."""
+
+    t: int
+    y: int
+    x: int
+    c: int
+
+
+def node_map(graph: dict) -> dict:
+    """Nodes by name."""
+    return {node["name"]: node for node in graph["nodes"]}
+
+
+def granularity(graph: dict) -> tuple[int, int]:
+    """(rows, columns) of which H and W must be multiples."""
+    factors = {"measurement": (1, 1)}
+    gy, gx = 1, 1
+    for node in graph["nodes"]:
+        source = node["inputs"][0]
+        if source not in factors:
+            raise GraphError(f"node {node['name']!r}: input {source!r} does not stand before it")
+        y, x = factors[source]
+        if node["op"] == "features":
+            y, x = y * node["block"][1], x * node["block"][2]
+        elif node["op"] == "conv3d":
+            y, x = y * node["stride"][1], x * node["stride"][2]
+        elif node["op"] == "conv_transpose3d":
+            y, x = max(1, y // node["stride"][1]), max(1, x // node["stride"][2])
+        elif node["op"] == "unfold":
+            y, x = max(1, y // node["block"][1]), max(1, x // node["block"][2])
+        factors[node["name"]] = (y, x)
+        gy, gx = lcm(gy, y), lcm(gx, x)
+    return gy, gx
+
+
+def shapes(graph: dict, height: int, width: int) -> dict[str, Shape]:
+    """Shape of every node for one window of height × width pixels; checks every rule on shapes."""
+    rows, columns = granularity(graph)
+    if height % rows or width % columns or height < 1 or width < 1:
+        raise GraphError(f"{height}×{width} pixels: not a multiple of the granularity {rows}×{columns}")
+    known = {"measurement": Shape(graph["window"]["frames"], height, width, 1)}
+    for node in graph["nodes"]:
+        name = node["name"]
+        if name in known:
+            raise GraphError(f"node {name!r}: the name is taken")
+        for other in [*node["inputs"], *([node["add"]] if node.get("add") else [])]:
+            if other not in known:
+                raise GraphError(f"node {name!r}: input {other!r} does not stand before it")
+        known[name] = _shape(node, [known[i] for i in node["inputs"]], known)
+    if graph["output"] not in known:
+        raise GraphError(f"output {graph['output']!r}: no such node")
+    window = graph["window"]
+    if known[graph["output"]].t not in (window["frames"], window["hop"]):
+        raise GraphError("output: has neither `frames` nor `hop` frames")
+    if window["lead"] + window["hop"] > window["frames"]:
+        raise GraphError("window: the result reaches beyond the frames")
+    return known
+
+
+def _shape(node: dict, inputs: list[Shape], known: dict[str, Shape]) -> Shape:
+    name, op = node["name"], node["op"]
+
+    def need(condition: bool, message: str) -> None:
+        if not condition:
+            raise GraphError(f"node {name!r}: {message}")
+
+    first = inputs[0]
+    if op == "box_estimate":
+        need(node["inputs"] == ["measurement"], "takes `measurement`")
+        return first
+    if op == "features":
+        bt, by, bx = node["block"]
+        need(len(inputs) == 2 and node["inputs"][0] == "measurement", "takes `measurement` and an estimate")
+        need(inputs[1] == first, "the estimate has another shape")
+        need(first.t % bt == 0 and first.y % by == 0 and first.x % bx == 0, "the block does not divide the input")
+        return Shape(first.t // bt, first.y // by, first.x // bx, len(node["channels"]) * bt * by * bx)
+    if op in CONVOLUTIONS:
+        out = []
+        for n, k, s in zip((first.t, first.y, first.x), node["kernel"], node["stride"], strict=True):
+            if op == "conv3d":
+                need(k % 2 == 1, "the kernel must be odd")
+                out.append(-(-n // s))
+            else:
+                need(k >= s and (k - s) % 2 == 0, "kernel − stride must be even")
+                out.append(n * s)
+        shape = Shape(*out, node["out_channels"])
+        if node.get("add"):
+            need(known[node["add"]] == shape, "`add` has another shape")
+        return shape
+    if op == "concat":
+        need(all((i.t, i.y, i.x) == (first.t, first.y, first.x) for i in inputs), "inputs differ in size")
+        need(all(i.c % 4 == 0 for i in inputs[:-1]), "all inputs but the last need a multiple of 4 channels")
+        return Shape(first.t, first.y, first.x, sum(i.c for i in inputs))
+    if op == "inverse_response":
+        need(len(node["exposures"]) == first.c, "one exposure for each channel")
+        return Shape(first.t, first.y, first.x, 2 * first.c)
+    if op == "fuse":
+        need(len(inputs) == 2 and inputs[1] == Shape(first.t, first.y, first.x, 2 * first.c), "takes n weights and 2n channels")
+        return Shape(first.t, first.y, first.x, 1)
+    if op == "unfold":
+        bt, by, bx = node["block"]
+        need(first.c == bt * by * bx, "the block does not fit the channels")
+        shape = Shape(first.t * bt, first.y * by, first.x * bx, 1)
+        estimate = inputs[1]
+        need((estimate.y, estimate.x, estimate.c) == (shape.y, shape.x, 1), "the estimate has another size")
+        need(node["start"] + shape.t <= estimate.t, "reaches beyond the estimate's frames")
+        return shape
+    raise GraphError(f"node {name!r}: operation {op!r} is not known")
+
+
+def tensor_shapes(graph: dict) -> dict[str, tuple[int, ...]]:
+    """Name and shape of every tensor that a weights file of this graph holds."""
+    rows, columns = granularity(graph)
+    known = shapes(graph, rows, columns)
+    tensors: dict[str, tuple[int, ...]] = {}
+    for node in graph["nodes"]:
+        if node["op"] not in CONVOLUTIONS:
+            continue
+        inside, outside = known[node["inputs"][0]].c, node["out_channels"]
+        ends = (outside, inside) if node["op"] == "conv3d" else (inside, outside)
+        tensors[node["name"] + ".weight"] = (*ends, *node["kernel"])
+        tensors[node["name"] + ".bias"] = (outside,)
+        if node.get("norm"):
+            tensors[node["name"] + ".scale"] = (outside,)
+            tensors[node["name"] + ".shift"] = (outside,)
+    return tensors
+
+
+def gflop_per_frame(graph: dict, height: int = 128, width: int = 128) -> float:
+    """2 × multiply-adds of all convolutions for one result frame (a window's work over `hop`), in 10⁹."""
+    known = shapes(graph, height, width)
+    macs = 0
+    for node in graph["nodes"]:
+        if node["op"] not in CONVOLUTIONS:
+            continue
+        inside = known[node["inputs"][0]]
+        # A transposed convolution spreads each *input* position over its kernel.
+        at = known[node["name"]] if node["op"] == "conv3d" else inside
+        macs += at.t * at.y * at.x * prod(node["kernel"]) * inside.c * node["out_channels"]
+    return 2e-9 * macs / graph["window"]["hop"]
+
+
+def parameter_count(graph: dict) -> int:
+    """Number of values in a weights file of this graph."""
+    return sum(prod(shape) for shape in tensor_shapes(graph).values())

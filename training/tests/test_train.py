@@ -1,0 +1,193 @@
+"""Data, losses and the training loop."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from pix2hdr_training import presets
+from pix2hdr_training.data import Crops, Dataset, DatasetError
+from pix2hdr_training.export import net_from_weights, read_weights
+from pix2hdr_training.graph import GraphNet
+from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, mean_ssim
+from pix2hdr_training.objective import Objective
+from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
+from pix2hdr_training.validate import validate
+from test_export import load_script
+
+SMALL = {"fast": presets.fast(8, 1), "paper": presets.paper((4, 4, 8), 1, 4)}
+
+
+def fake_vgg(folder):
+    """An npz of the right shapes with random values."""
+    rng = np.random.default_rng(0)
+    arrays, inside = {}, 3
+    for name, outside in (("conv1_1", 64), ("conv1_2", 64), ("conv2_1", 128), ("conv2_2", 128)):
+        arrays[f"{name}.weight"] = rng.normal(0, (2 / (9 * inside)) ** 0.5, (outside, inside, 3, 3)).astype(np.float32)
+        arrays[f"{name}.bias"] = np.zeros(outside, np.float32)
+        inside = outside
+    path = folder / "vgg.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
+    data = Dataset(data_folder)
+    crops = Crops(data, SMALL["fast"], 6, 16, 3)
+    assert crops.starts == [0, 8]  # (4 + start + 4) divisible by 8
+    assert data.window_starts(SMALL["paper"]["window"]) == [2, 6, 10, 14]
+    a, b, c = crops(5), crops(5), crops(6)
+    assert torch.equal(a.measurement, b.measurement) and torch.equal(a.truth, b.truth)
+    assert not torch.equal(a.measurement, c.measurement)
+    assert a.measurement.shape == (6, 16, 16, 16) and a.truth.shape == (6, 8, 16, 16)
+    # Pixels of exposure 8 hold one value over a whole read-out, so the exposure table lies right.
+    long = a.exposure[0, 0] == 8
+    for frames in (slice(4, 8), slice(8, 12)):
+        assert torch.all(a.measurement[:, frames][:, :, long] == a.measurement[:, frames][:, :1, long])
+
+
+def test_broken_data_sets_are_named(tmp_path, data_folder):
+    with pytest.raises(DatasetError, match="dataset.json"):
+        Dataset(tmp_path)
+    meta = json.loads((data_folder / "dataset.json").read_text())
+    (tmp_path / "dataset.json").write_text(json.dumps(meta))
+    with pytest.raises(DatasetError, match="truth-000.npy"):
+        Dataset(tmp_path)
+    (tmp_path / "dataset.json").write_text(json.dumps({**meta, "period": 7}))
+    with pytest.raises(DatasetError, match="reshape"):
+        Dataset(tmp_path)
+    with pytest.raises(DatasetError, match="granularity"):
+        Crops(Dataset(data_folder), SMALL["fast"], 1, 18, 0)
+
+
+def test_ssim_and_log_mse():
+    torch.manual_seed(0)
+    image = torch.rand(2, 20, 20, dtype=torch.float64)
+    assert mean_ssim(image, image).item() == pytest.approx(1)
+    assert mean_ssim(image, torch.rand_like(image)).item() < 0.5
+    # Uniform images: the contrast term is 1, the luminance term has a closed form.
+    a, b = torch.full((1, 15, 15), 0.2), torch.full((1, 15, 15), 0.6)
+    assert mean_ssim(a, b).item() == pytest.approx((2 * 0.12 + 1e-4) / (0.04 + 0.36 + 1e-4), rel=1e-3)
+    video = torch.zeros(2, 3, 4, 4)
+    assert log_mse(video, video + 0.1, floor=0).item() == pytest.approx(-2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "stage", "loss"),
+    [("fast", "all", "log_mse"), ("fast", "all", "charbonnier"), ("fast", "all", "paper"), ("paper", "ldr", "paper"),
+     ("paper", "hdr", "l1"), ("paper", "all", "paper")],
+)  # fmt: skip
+def test_steps_lower_the_loss_on_a_fixed_batch(kind, stage, loss, data_folder, tmp_path):
+    torch.manual_seed(1)
+    data, graph = Dataset(data_folder), SMALL[kind]
+    net = GraphNet(graph, data.inverse)
+    paper = PaperLoss(Vgg(fake_vgg(tmp_path)), 1.0, 1) if loss == "paper" else None
+    trainer = Trainer(net, Objective(net, stage, loss, paper))
+    before = {name: value.clone() for name, value in net.state_dict().items()}
+    batch = Crops(data, graph, 2, 16, 0)(0)
+    losses = [trainer.step(batch, 1e-3) for _ in range(4)]
+    assert losses[-1] < losses[0] and all(map(math.isfinite, losses))
+    changed = {name.split(".")[1] for name, value in net.state_dict().items() if not torch.equal(value, before[name])}
+    if stage == "ldr":
+        assert "ldr" in changed and "encoder1" in changed and not any(name.startswith("hdr") for name in changed)
+    if stage == "hdr":
+        assert "weights" in changed and "ldr" not in changed and "encoder1" not in changed
+
+
+def test_a_curved_response_trains_too(curved_folder):
+    data = Dataset(curved_folder)
+    assert not data.inverse.linear
+    net = GraphNet(SMALL["paper"], data.inverse)
+    trainer = Trainer(net, Objective(net, "all", "log_mse"))
+    batch = Crops(data, SMALL["paper"], 2, 16, 0)(0)
+    assert math.isfinite(trainer.step(batch, 1e-3))
+    assert net.layers["encoder1"].weight.grad.abs().sum() > 0
+
+
+def test_zero_tail_scores_like_the_box_filter(data_folder):
+    data = Dataset(data_folder)
+    net = GraphNet(SMALL["fast"], data.inverse)
+    with torch.no_grad():
+        net.layers["tail"].weight.zero_()
+    scores = validate(net, data)
+    assert scores["cubes"] == 4 and set(scores["kinds"]) == {"pan", "static"}
+    assert abs(scores["gain_db"]) < 1e-3 and 5 < scores["box_psnr_mu"] < 60
+
+
+def test_learning_rate_rises_and_falls():
+    assert learning_rate(0, 1) < 0.1 and learning_rate(0.02, 1) > 0.99 and learning_rate(1, 1) == 0
+    assert learning_rate(0.5, 1) == pytest.approx(0.5)
+
+
+@pytest.fixture
+def graph_file(tmp_path):
+    path = tmp_path / "graph.json"
+    path.write_text(presets.to_json(SMALL["fast"]))
+    return path
+
+
+def run(graph_file, data_folder, out, *more):
+    arguments = ["--graph", graph_file, "--data", data_folder, "--out", out, "--batch", 2, "--crop", 16, "--log-seconds", 0]
+    return main(list(map(str, [*arguments, *more])))
+
+
+def test_resuming_is_exact_and_weights_are_complete(graph_file, data_folder, tmp_path, monkeypatch):
+    assert run(graph_file, data_folder, tmp_path / "a", "--steps", 6, "--val", data_folder) == 0
+    # The same run, cut off after three steps by a signal, then resumed.
+    real = Trainer.step
+
+    def step(self, batch, lr):
+        loss = real(self, batch, lr)
+        if self.steps == 3:
+            import signal
+
+            signal.raise_signal(signal.SIGTERM)
+        return loss
+
+    monkeypatch.setattr(Trainer, "step", step)
+    assert run(graph_file, data_folder, tmp_path / "b", "--steps", 6, "--val", data_folder) == 130
+    monkeypatch.setattr(Trainer, "step", real)
+    assert load_checkpoint(tmp_path / "b" / "checkpoint.pt")["step"] == 3
+    assert run(graph_file, data_folder, tmp_path / "b", "--steps", 6) == 1, "must not overwrite a run"
+    assert run(graph_file, data_folder, tmp_path / "b", "--steps", 7, "--resume") == 1, "another run length"
+    final = tmp_path / "final.safetensors"
+    arguments = ("--steps", 6, "--val", data_folder, "--resume", "--export", final)
+    assert run(graph_file, data_folder, tmp_path / "b", *arguments) == 0
+    one, two = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in "ab")
+    for part in ("model", "ema"):
+        for key, value in one[part].items():
+            assert torch.equal(value, two[part][key]), key
+    graph, tensors, metadata = read_weights(final)
+    assert graph == SMALL["fast"] and json.loads(metadata["response"]) == "any"
+    provenance = json.loads(metadata["provenance"])
+    assert provenance["steps"] == 6 and provenance["scores"]["cubes"] == 4 and provenance["data"]["sha256"]
+    rows = (tmp_path / "b" / "curve.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["step", "1", "2", "3", "4", "5", "6"]
+    assert (tmp_path / "b" / "curve.png").read_bytes().startswith(b"\x89PNG")
+    # convert.py writes the very same tensors.
+    converted = tmp_path / "converted.safetensors"
+    assert load_script("convert").main([str(tmp_path / "b" / "checkpoint.pt"), str(converted)]) == 0
+    for key, value in read_weights(converted)[1].items():
+        assert np.array_equal(value, tensors[key])
+    inverse = Dataset(data_folder).inverse
+    again = net_from_weights(final, inverse)
+    from_checkpoint = net_from_checkpoint(two)
+    batch = Crops(Dataset(data_folder), graph, 1, 16, 0)(0)
+    with torch.no_grad():
+        pair = (net(batch.measurement, batch.exposure) for net in (again, from_checkpoint))
+        torch.testing.assert_close(*pair)
+
+
+def test_minutes_end_a_run(graph_file, data_folder, tmp_path):
+    assert run(graph_file, data_folder, tmp_path / "m", "--minutes", 0.01) == 0
+    state = load_checkpoint(tmp_path / "m" / "checkpoint.pt")
+    assert state["elapsed"] >= 0.6 and state["step"] >= 1
+
+
+def test_bad_arguments_are_one_line(graph_file, data_folder, tmp_path, capsys):
+    assert run(graph_file, data_folder, tmp_path / "x", "--steps", 1, "--loss", "paper") == 1
+    assert "--vgg" in capsys.readouterr().err
+    assert run(graph_file, data_folder, tmp_path / "x", "--steps", 1, "--stage", "ldr") == 1
+    assert run(graph_file, Path("nowhere"), tmp_path / "x", "--steps", 1) == 1
