@@ -67,7 +67,7 @@ def unfold(x: Tensor, block) -> Tensor:
 class Convolution(nn.Module):
     """`conv3d` or `conv_transpose3d` with its epilogue: activation, then norm, then add."""
 
-    def __init__(self, node: dict, in_channels: int, feeds_unfold: bool):
+    def __init__(self, node: dict, in_channels: int, *, feeds_unfold: bool = False, from_logs: bool = False):
         super().__init__()
         self.node = node
         self.kernel, self.stride = tuple(node["kernel"]), tuple(node["stride"])
@@ -77,9 +77,9 @@ class Convolution(nn.Module):
         self.weight = nn.Parameter(torch.empty(*ends, *self.kernel))
         self.bias = nn.Parameter(torch.zeros(out))
         self.norm = nn.BatchNorm3d(out) if node.get("norm") else None
-        self._initialise(in_channels, feeds_unfold)
+        self._initialise(in_channels, feeds_unfold, from_logs)
 
-    def _initialise(self, in_channels: int, feeds_unfold: bool) -> None:
+    def _initialise(self, in_channels: int, feeds_unfold: bool, from_logs: bool) -> None:
         # A transposed convolution's output sees only kernel/stride of the taps.
         taps = math.prod(self.kernel) / (math.prod(self.stride) if self.transposed else 1)
         gain = math.sqrt(2 / (1 + 0.2**2)) if isinstance(self.node["activation"], dict) else 1.0
@@ -88,6 +88,10 @@ class Convolution(nn.Module):
         elif self.node.get("add"):
             gain = 0.2  # start near the identity
         nn.init.normal_(self.weight, std=gain / math.sqrt(in_channels * taps))
+        if from_logs and in_channels > 1:
+            # Log features are all near 0.8 and differ little: filters that sum to zero see the differences.
+            with torch.no_grad():
+                self.weight.sub_(self.weight.mean(0 if self.transposed else 1, keepdim=True))
 
     def forward(self, x: Tensor, add: Tensor | None) -> Tensor:
         kt, ky, kx = self.kernel
@@ -129,12 +133,19 @@ class GraphNet(nn.Module):
         rows, columns = layout.granularity(graph)
         self.granularity = (rows, columns)
         known = layout.shapes(graph, rows, columns)
+        logs = {
+            node["name"]
+            for node in graph["nodes"]
+            if node["op"] == "features" and {"log_irradiance", "log_estimate"} & set(node["channels"])
+        }
         tails = {node["inputs"][0] for node in graph["nodes"] if node["op"] == "unfold"}
         self.layers = nn.ModuleDict()
         for node in graph["nodes"]:
             if node["op"] in layout.CONVOLUTIONS:
-                in_channels = known[node["inputs"][0]].c
-                self.layers[node["name"]] = Convolution(node, in_channels, node["name"] in tails)
+                source = node["inputs"][0]
+                self.layers[node["name"]] = Convolution(
+                    node, known[source].c, feeds_unfold=node["name"] in tails, from_logs=source in logs
+                )
 
     def forward(self, measurement: Tensor, exposure: Tensor, *, toned: bool = False, until: str | None = None):
         """The output node's tensor [N, C, T, H, W] for y [N, T, H, W] and e [N or 1, T, H, W].
