@@ -1,1 +1,11 @@
-//! quality.
+//! How good a video is: measures against the truth, plots and contact sheets.
+
+mod canvas;
+mod contact_sheet;
+mod measures;
+mod plot;
+
+pub use canvas::{Canvas, Colour};
+pub use contact_sheet::{ContactSheet, Panel};
+pub use measures::{Comparison, Measures, SquaredError, compare, ssim, temporal_contrast};
+pub use plot::Plot;

@@ -25,7 +25,7 @@ impl AtomicFile {
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let folder = make_parent(path)?;
-        let file = hidden(&permissions(false)).suffix(".part").tempfile_in(folder).at(path)?;
+        let file = hidden_file().suffix(".part").tempfile_in(folder).at(path)?;
         Ok(Self { content: BufWriter::with_capacity(1 << 20, file), path: path.to_owned() })
     }
 
@@ -66,26 +66,26 @@ pub(super) fn make_parent(path: &Path) -> Result<PathBuf> {
     Ok(parent.to_owned())
 }
 
-/// Names for what is not complete yet.
-pub(super) fn hidden(permissions: &Option<fs::Permissions>) -> tempfile::Builder<'static, 'static> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".pix2hdr-");
-    if let Some(permissions) = permissions {
-        builder.permissions(permissions.clone());
-    }
-    builder
+/// Builder of files under names for what is not complete yet.
+fn hidden_file() -> tempfile::Builder<'static, 'static> {
+    hidden(0o666)
 }
 
-/// The permissions that files and folders of a user have by default (the umask still applies); temporary ones
-/// would be closed to everyone else.
-pub(super) fn permissions(folder: bool) -> Option<fs::Permissions> {
+/// Builder of folders under names for what is not complete yet.
+pub(super) fn hidden_folder() -> tempfile::Builder<'static, 'static> {
+    hidden(0o777)
+}
+
+/// `mode` is what files of a user have by default (the umask still applies); temporary ones would be closed to
+/// everyone else.
+fn hidden(mode: u32) -> tempfile::Builder<'static, 'static> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".pix2hdr-");
     #[cfg(unix)]
-    return Some(std::os::unix::fs::PermissionsExt::from_mode(if folder { 0o777 } else { 0o666 }));
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
     #[cfg(not(unix))]
-    {
-        let _ = folder;
-        None
-    }
+    let _ = mode;
+    builder
 }
 
 #[cfg(test)]

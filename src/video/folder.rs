@@ -138,8 +138,7 @@ impl FolderWriter {
         let destination = if path.exists() { fs::canonicalize(path).at(path)? } else { path.to_owned() };
         check_replaceable(&destination, overwrite)?;
         let parent = atomic::make_parent(&destination)?;
-        let temporary =
-            atomic::hidden(&atomic::permissions(true)).suffix(".part").tempdir_in(&parent).at(&parent)?;
+        let temporary = atomic::hidden_folder().suffix(".part").tempdir_in(&parent).at(&parent)?;
         let pool = Pool::start(temporary.path(), x, how).at(path)?;
         Ok(Self { destination, overwrite, extents, pushed: 0, pool, temporary })
     }
@@ -193,7 +192,7 @@ fn replace(temporary: TempDir, destination: &Path, overwrite: bool) -> Result<()
     check_replaceable(destination, overwrite)?;
     let aside = if destination.exists() {
         let parent = atomic::make_parent(destination)?;
-        let aside = atomic::hidden(&None).suffix(".old").tempdir_in(&parent).at(&parent)?;
+        let aside = atomic::hidden_folder().suffix(".old").tempdir_in(&parent).at(&parent)?;
         let old = aside.path().join("sequence");
         fs::rename(destination, &old).at(destination)?;
         Some((aside, old))
@@ -264,8 +263,8 @@ impl Pool {
     /// Waits for all that was given to the pool.
     fn join(&mut self) -> Result<()> {
         self.jobs = None;
-        let panicked =
-            self.threads.drain(..).fold(false, |panicked, thread| thread.join().is_err() || panicked);
+        let ends: Vec<_> = self.threads.drain(..).map(JoinHandle::join).collect();
+        let panicked = ends.iter().any(thread::Result::is_err);
         self.check()?;
         if panicked { Err(Error::Usage("a thread that writes pictures panicked".into())) } else { Ok(()) }
     }

@@ -43,7 +43,7 @@ pub enum VideoError {
 }
 
 /// Most pixels of one picture: 16384×16384.
-const MAX_PIXELS: usize = 1 << 28;
+pub(crate) const MAX_PIXELS: usize = 1 << 28;
 
 /// Reads an HDR video: a folder of EXR pictures, one `.npy` cube, or one `.exr` or `.hdr` picture as a video of one
 /// frame.

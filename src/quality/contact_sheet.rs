@@ -1,0 +1,168 @@
+//! Contact sheets: labelled pictures, methods below each other, frames side by side.
+
+use std::path::Path;
+
+use super::canvas::{BLACK, Canvas, INK, WHITE, text_height, text_width};
+use crate::Result;
+use crate::video::png::tone_byte;
+use crate::video::{Video, VideoError};
+
+const SCALE: usize = 2;
+const MARGIN: usize = 12;
+const GAP: usize = 8;
+
+/// One grey picture of a sheet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Panel {
+    /// Columns.
+    pub width: usize,
+    /// 8-bit grey values [y, x].
+    pub pixels: Vec<u8>,
+}
+
+impl Panel {
+    /// A frame of irradiance under the tone curve.
+    pub fn toned(frame: &[f32], width: usize) -> Self {
+        Self { width, pixels: frame.iter().map(|&p| tone_byte(p)).collect() }
+    }
+
+    /// A frame of pixel values in [0, 1], as they are.
+    pub fn linear(frame: &[f32], width: usize) -> Self {
+        Self { width, pixels: frame.iter().map(|&y| (255.0 * y.clamp(0.0, 1.0)).round() as u8).collect() }
+    }
+
+    fn height(&self) -> usize {
+        self.pixels.len().div_ceil(self.width.max(1))
+    }
+}
+
+/// A sheet of labelled rows of panels.
+#[derive(Clone, Debug, Default)]
+pub struct ContactSheet {
+    zoom: usize,
+    columns: Vec<String>,
+    rows: Vec<(String, Vec<Panel>)>,
+}
+
+impl ContactSheet {
+    /// An empty sheet on which each pixel of a panel becomes `zoom`×`zoom` (at least 1).
+    pub fn new(zoom: usize) -> Self {
+        Self { zoom: zoom.max(1), ..Self::default() }
+    }
+
+    /// Headings above the columns.
+    #[must_use]
+    pub fn columns(mut self, headings: impl IntoIterator<Item = impl Into<String>>) -> Self {
+        self.columns = headings.into_iter().map(Into::into).collect();
+        self
+    }
+
+    /// A row of panels.
+    #[must_use]
+    pub fn row(mut self, label: impl Into<String>, panels: impl IntoIterator<Item = Panel>) -> Self {
+        self.rows.push((label.into(), panels.into_iter().collect()));
+        self
+    }
+
+    /// A row of the given frames of a video of irradiance; frames that it lacks are left out.
+    #[must_use]
+    pub fn video(self, label: impl Into<String>, video: &Video, frames: &[usize]) -> Self {
+        let there = frames.iter().filter(|&&t| t < video.frames);
+        let panels: Vec<Panel> = there.map(|&t| Panel::toned(video.frame(t), video.width)).collect();
+        self.row(label, panels)
+    }
+
+    /// Draws the sheet; an error if it would have no or too many pixels.
+    pub fn draw(&self) -> Result<Canvas, VideoError> {
+        let size = |n: usize| n.saturating_mul(self.zoom);
+        let line = text_height(SCALE);
+        let label_width =
+            self.rows.iter().map(|(label, _)| text_width(label, SCALE)).max().unwrap_or(0) + GAP;
+        let count = self.rows.iter().map(|(_, panels)| panels.len()).max().unwrap_or(0);
+        if count == 0 {
+            return Err(VideoError::Shape("a contact sheet without pictures cannot be drawn".into()));
+        }
+        let widths: Vec<usize> = (0..count)
+            .map(|i| {
+                let panels = self.rows.iter().filter_map(|(_, panels)| panels.get(i));
+                let panel = panels.map(|panel| size(panel.width)).max().unwrap_or(0);
+                panel.max(self.columns.get(i).map_or(0, |heading| text_width(heading, SCALE)))
+            })
+            .collect();
+        let heights: Vec<usize> = self
+            .rows
+            .iter()
+            .map(|(_, panels)| panels.iter().map(|panel| size(panel.height())).max().unwrap_or(0).max(line))
+            .collect();
+        let total = |sizes: &[usize], extra: usize| {
+            let start = 2 * MARGIN + extra + GAP * sizes.len().saturating_sub(1);
+            sizes.iter().fold(start, |sum, size| sum.saturating_add(*size))
+        };
+        let heading = if self.columns.is_empty() { 0 } else { line + GAP };
+        let mut canvas = Canvas::new(total(&widths, label_width), total(&heights, heading), WHITE)?;
+
+        let lefts: Vec<usize> = places(MARGIN + label_width, &widths);
+        for (heading, left) in self.columns.iter().zip(&lefts) {
+            canvas.text(*left as i64, MARGIN as i64, heading, SCALE, INK);
+        }
+        let tops = places(MARGIN + heading, &heights);
+        for (((label, panels), top), height) in self.rows.iter().zip(tops).zip(&heights) {
+            canvas.text(MARGIN as i64, (top + height / 2 - line / 2) as i64, label, SCALE, BLACK);
+            for (panel, left) in panels.iter().zip(&lefts) {
+                canvas.grey(*left as i64, top as i64, &panel.pixels, panel.width, self.zoom);
+            }
+        }
+        Ok(canvas)
+    }
+
+    /// Draws the sheet and writes it as PNG.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.draw()?.write(path)
+    }
+}
+
+/// Where things of the given sizes begin if the first one is at `start`.
+fn places(start: usize, sizes: &[usize]) -> Vec<usize> {
+    let mut at = start;
+    let place = |size: &usize| {
+        let place = at;
+        at += size + GAP;
+        place
+    };
+    sizes.iter().map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panels_are_where_they_belong() {
+        let video = Video::new(2, 2, 3, vec![1.0; 12]).unwrap();
+        let dark = Panel::linear(&[0.2; 6], 3);
+        let sheet =
+            ContactSheet::new(20).video("ours", &video, &[0, 1, 7]).row("mosaic", [dark.clone(), dark]);
+        let canvas = sheet.columns(["0 ms", "1 ms"]).draw().unwrap();
+        let label = 6 * 16 + GAP;
+        let heading = 16 + GAP;
+        // "0 ms" is 64 wide, a panel 60 wide and 40 high.
+        assert_eq!(canvas.width(), 2 * MARGIN + label + 64 + GAP + 64);
+        assert_eq!(canvas.height(), 2 * MARGIN + heading + 40 + GAP + 40);
+        let pixel = |x: usize, y: usize| canvas.pixels()[y * canvas.width() + x];
+        let (left, top) = (MARGIN + label, MARGIN + heading + 40 + GAP);
+        assert_eq!(pixel(left, top), [51; 3]);
+        assert_eq!(pixel(left + 59, top + 39), [51; 3]);
+        assert_eq!(pixel(left + 60, top), WHITE);
+        assert_eq!(pixel(left + 64 + GAP, top), [51; 3]);
+    }
+
+    #[test]
+    fn sheets_that_cannot_be_drawn_are_refused() {
+        assert!(ContactSheet::new(1).draw().is_err());
+        assert!(ContactSheet::new(1).row("empty", []).draw().is_err());
+        let huge = ContactSheet::new(usize::MAX).row("huge", [Panel::linear(&[0.0; 4], 2)]);
+        assert!(huge.draw().is_err());
+        let odd = ContactSheet::new(1).row("odd", [Panel { width: 0, pixels: vec![1, 2] }]);
+        assert!(odd.draw().is_ok());
+    }
+}
