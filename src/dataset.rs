@@ -16,6 +16,9 @@ use crate::{Error, Result};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+/// Name of the file that describes a data set. It is written last: a folder without it is not a whole data set.
+pub const INDEX: &str = "dataset.json";
+
 /// Cubes per file.
 const SHARD: usize = 256;
 
@@ -102,8 +105,7 @@ pub fn write(
         shards.push(shard);
         progress(first + count);
     }
-    // The index comes last: a data set without it is not whole.
-    let index = folder.join("dataset.json");
+    let index = folder.join(INDEX);
     write_bytes(&index, &json(&index_of(request, panoramas, &shards)?)?)?;
     files.push(index);
     Ok(files)
@@ -144,7 +146,7 @@ fn cube(request: &Request, panoramas: &[Arc<Panorama>], index: usize) -> Result<
     let seed = request.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(index as u64);
     let [frames, height, width] = request.extent;
     let (scene, speed) = training_clip(panoramas, [height, width], frames, seed);
-    let mut truth = render(&scene, Rendering { frames, height, width, instants: 6, positions: 1, seed });
+    let mut truth = render(&scene, Rendering { frames, height, width, instants: 6, positions: 1, seed }, || ());
     truth.normalise();
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(!seed));
     // The user's exposure is not always set to the anchor: darker, or with more in saturation.

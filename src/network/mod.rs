@@ -8,6 +8,7 @@ mod executor;
 mod graph;
 mod model;
 mod plan;
+pub mod presets;
 mod tensor;
 
 pub use executor::Executor;
@@ -48,6 +49,9 @@ pub enum NetworkError {
         problem: String,
     },
     /// No preset of that name.
-    #[error("no preset '{0}'; there are {1}")]
+    #[error("no weights file or preset '{0}'; presets are {1}")]
     NoPreset(String, String),
+    /// The preset has no trained weights.
+    #[error("preset '{0}' has no trained weights yet; train it, or name a weights file")]
+    Untrained(String),
 }

@@ -10,7 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde_json::Value;
 
-use super::{Convolution, Graph, NetworkError, Op};
+use super::{Convolution, Graph, NetworkError, Op, presets};
+use crate::sensor::Pattern;
 use crate::{At, Error, Result};
 
 /// Value of the metadata key `format`.
@@ -60,6 +61,24 @@ impl Model {
             return Err(Error::from(NetworkError::Format(problem)).at(path));
         }
         Self::from_bytes(&std::fs::read(path).at(path)?).at(path)
+    }
+
+    /// A weights file by its path, or a built-in preset by its name.
+    pub fn load(name: &str) -> Result<Self> {
+        if Path::new(name).is_file() || name.to_ascii_lowercase().ends_with(".safetensors") {
+            return Self::read(name);
+        }
+        Ok(Self::from_bytes(presets::by_name(name)?.weights()?)?)
+    }
+
+    /// Checks that the net was made for `pattern`.
+    pub fn check_pattern(&self, pattern: &Pattern) -> Result<()> {
+        let made_for = &self.graph.pattern;
+        if made_for == "any" || Pattern::built_in(made_for)?.samples_like(pattern) {
+            return Ok(());
+        }
+        let name = &self.graph.name;
+        Err(Error::Usage(format!("weights '{name}' are for pattern {made_for}, not for {}", pattern.name)))
     }
 
     /// Reads a weights file from memory.

@@ -4,8 +4,10 @@ mod canvas;
 mod contact_sheet;
 mod measures;
 mod plot;
+mod suite;
 
 pub use canvas::{Canvas, Colour};
 pub use contact_sheet::{ContactSheet, Panel};
 pub use measures::{Comparison, Measures, SquaredError, compare, ssim, temporal_contrast};
 pub use plot::Plot;
+pub use suite::{Light, Method, Scores, Suite, SuiteReport};

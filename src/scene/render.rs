@@ -25,8 +25,8 @@ pub struct Rendering {
     pub seed: u64,
 }
 
-/// Renders `scene`. Does not depend on the number of threads.
-pub fn render(scene: &dyn Scene, how: Rendering) -> Video {
+/// Renders `scene`; `progress` hears of every finished frame. Does not depend on the number of threads.
+pub fn render(scene: &dyn Scene, how: Rendering, progress: impl Fn() + Sync) -> Video {
     let Rendering { frames, height, width, instants, positions, seed } = how;
     let mut video = Video::black(frames, height, width);
     let share = 1.0 / (instants * positions) as f32;
@@ -45,6 +45,7 @@ pub fn render(scene: &dyn Scene, how: Rendering) -> Video {
                 *pixel = share * jitters.iter().enumerate().map(light).sum::<f32>();
             }
         });
+        progress();
     });
     video
 }

@@ -190,6 +190,11 @@ impl Pattern {
         Ok(Self::built_in(name)?)
     }
 
+    /// Whether `other` exposes every pixel as this pattern does, whatever their names.
+    pub fn samples_like(&self, other: &Self) -> bool {
+        (self.rows, self.cols, &self.cells) == (other.rows, other.cols, &other.cells)
+    }
+
     /// The cell of the pixel in row `y`, column `x`.
     pub fn cell(&self, y: usize, x: usize) -> &Cell {
         &self.cells[(y % self.rows) * self.cols + x % self.cols]

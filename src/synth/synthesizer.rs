@@ -7,7 +7,7 @@ use super::Backend;
 use super::tiles::{Grid, Stretch};
 use super::windows;
 use crate::network::{Executor, Model, Plan, Window};
-use crate::sensor::{Calibration, Capture, Pattern, SensorError, Timing, hold_to_covering};
+use crate::sensor::{Calibration, Capture, SensorError, Timing, hold_to_covering};
 use crate::video::Video;
 use crate::{Error, Result};
 
@@ -53,18 +53,7 @@ impl Report {
 /// Checks that `model` was made for what `capture` holds. A different pattern is refused, a different response is
 /// a warning, which is returned.
 pub fn check_fits(model: &Model, capture: &Capture) -> Result<Option<String>> {
-    let wanted = &model.graph.pattern;
-    if wanted != "any" {
-        let pattern = Pattern::built_in(wanted)?;
-        if (pattern.rows, pattern.cols, &pattern.cells)
-            != (capture.pattern.rows, capture.pattern.cols, &capture.pattern.cells)
-        {
-            return Err(Error::Usage(format!(
-                "weights '{}' are for pattern {wanted}, the capture has {}",
-                model.graph.name, capture.pattern.name
-            )));
-        }
-    }
+    model.check_pattern(&capture.pattern)?;
     let response = serde_json::to_value(capture.response.form()).unwrap_or_default();
     let trained = &model.trained.response;
     Ok((trained != "any" && *trained != response).then(|| {

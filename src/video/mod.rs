@@ -6,6 +6,7 @@ pub mod exr;
 pub mod folder;
 pub mod npy;
 pub mod png;
+mod preview;
 pub mod radiance;
 mod writer;
 
@@ -13,7 +14,9 @@ use std::path::Path;
 
 use half::f16;
 
+pub use crate::math::tone;
 pub use cube::Video;
+pub use preview::PreviewWriter;
 pub use writer::{VideoWriter, Writing};
 
 use crate::{At, Error, Result};

@@ -1,0 +1,78 @@
+//! `pix2hdr dataset`: training cubes.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use pix2hdr::dataset::{self, Request};
+use pix2hdr::scene::Panorama;
+use pix2hdr::sensor::{Pattern, Sampler};
+use pix2hdr::{Error, Result};
+use serde_json::json;
+
+use super::options::{ResponseOption, parse_response, show};
+use super::scene::at_least_one;
+use super::terminal;
+
+/// Makes training cubes: random clips from panoramas, through the camera simulator
+#[derive(Args)]
+pub struct Dataset {
+    /// Folder of equirectangular panoramas (.exr or .hdr)
+    #[arg(long, value_name = "FOLDER")]
+    panoramas: PathBuf,
+    /// Folder for the data set
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Number of cubes
+    #[arg(long, default_value_t = 1024, value_parser = at_least_one)]
+    cubes: usize,
+    /// Frames per cube
+    #[arg(long, default_value_t = 24, value_parser = at_least_one)]
+    frames: usize,
+    /// Rows and columns of a cube
+    #[arg(long, default_value_t = 128, value_parser = at_least_one)]
+    size: usize,
+    /// Sampling pattern: a built-in name or a JSON file
+    #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
+    pattern: String,
+    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
+    #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
+    response: ResponseOption,
+    /// Schedule time of each cube's first frame; windows must fit behind it
+    #[arg(long, default_value_t = 4, allow_hyphen_values = true, value_name = "FRAME")]
+    schedule_start: i64,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Dataset {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let request = Request {
+            pattern: Pattern::load(&self.pattern)?,
+            form: self.response.form()?,
+            cubes: self.cubes,
+            extent: [self.frames, self.size, self.size],
+            schedule_start: self.schedule_start,
+            seed: self.seed,
+        };
+        Sampler::new(request.pattern.clone(), request.form.clone())?;
+        if self.out.join(dataset::INDEX).exists() {
+            return Err(Error::Usage(format!("{} holds a data set already", show(&self.out))));
+        }
+        let panoramas = Panorama::read_folder(&self.panoramas)?;
+        let bar = terminal::progress(self.cubes, "making cubes");
+        let files = dataset::write(&request, &panoramas, &self.out, |done| bar.set_position(done as u64))?;
+        bar.finish_and_clear();
+        let report = json!({
+            "cubes": self.cubes, "panoramas": panoramas.len(),
+            "files": files.iter().map(|path| show(path)).collect::<Vec<_>>(),
+        });
+        terminal::result(self.json, &report, || {
+            format!("{}: {} cubes from {} panoramas", show(&self.out), self.cubes, panoramas.len())
+        })
+    }
+}

@@ -1,0 +1,141 @@
+//! `pix2hdr demo`: the main job on a built-in scene, from ground truth to measures.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+use pix2hdr::baseline::box_filter;
+use pix2hdr::quality::{Panel, Plot, compare};
+use pix2hdr::scene::procedural;
+use pix2hdr::sensor::{Calibration, Response};
+use pix2hdr::synth::check_fits;
+use pix2hdr::video::{self, Video, Writing};
+use pix2hdr::{Error, Result};
+use serde_json::json;
+
+use super::options::{Camera, Engine, show};
+use super::scene::Size;
+use super::synth::{contact_sheet, run_json, run_text, shown_frames};
+use super::terminal;
+
+/// Shows the main job on a built-in scene: ground truth, capture, synthesis, measures, pictures
+///
+/// Writes truth.npy, capture/, hdr/frame-00000.exr …, contact-sheet.png (mosaic, box filter, pix2hdr, truth),
+/// time-series.png (one pixel over time) and report.json.
+#[derive(Args)]
+pub struct Demo {
+    /// Built-in scene: fan, leds, falling, pouring, edge, wedge or still
+    #[arg(default_value = "fan")]
+    scene: String,
+    /// Folder for everything that is written
+    #[arg(long, default_value = "out/demo", value_name = "FOLDER")]
+    out: PathBuf,
+    #[command(flatten)]
+    size: Size,
+    #[command(flatten)]
+    camera: Camera,
+    #[command(flatten)]
+    engine: Engine,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Demo {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let begun = Instant::now();
+        let Size { height, width, .. } = self.size;
+        // What cannot work is said before anything is rendered.
+        let sampler = self.camera.sampler()?;
+        let model = self.engine.model()?;
+        model.check_pattern(&sampler.pattern)?;
+        let backend = self.engine.backend()?;
+        let scene = procedural::by_name(&self.scene, height, width, self.camera.seed).ok_or_else(|| {
+            Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
+        })?;
+        let (truth, anchor) = self.size.render(&*scene, self.camera.seed)?;
+        let mut capture = sampler.sample(&truth)?;
+        capture.info.anchor = Some(f64::from(anchor));
+        if let Some(warning) = check_fits(&model, &capture)? {
+            terminal::warn(&warning);
+        }
+        let calibration = capture.calibration();
+        let mut synthesizer = self.engine.synthesizer(&model, calibration.clone(), [height, width], &backend)?;
+        let (result, report) = synthesizer.video(&capture)?;
+        let filtered = box_filter(&capture.measurement(), &calibration, capture.info.schedule_start);
+        let measures = json!({ "pix2hdr": compare(&truth, &result)?, "box": compare(&truth, &filtered)? });
+
+        let mut files = Vec::new();
+        let mut add = |name: &str| {
+            let path = self.out.join(name);
+            files.push(path.clone());
+            path
+        };
+        let how = Writing { half: true, overwrite: true, frame_period_ms: Some(1.0), anchor: Some(anchor) };
+        video::write(add("truth.npy"), &truth, how.clone())?;
+        video::write(add("hdr"), &result, how)?;
+        capture.write(add("capture"))?;
+        let shown = shown_frames(truth.frames);
+        let panels = |video: &Video| -> Vec<Panel> {
+            shown.iter().map(|&t| Panel::toned(video.frame(t), width)).collect()
+        };
+        contact_sheet(&capture, &shown, panels(&result))
+            .row("truth", panels(&truth))
+            .write(add("contact-sheet.png"))?;
+        let pixel = liveliest(&truth);
+        self.time_series(pixel, [&filtered, &result, &truth], &capture.measurement(), &calibration)
+            .write(add("time-series.png"))?;
+        let seconds = begun.elapsed().as_secs_f64();
+        let mut json = run_json(&self.engine.describe(&backend), &report, seconds);
+        let report_path = add("report.json");
+        json["scene"] = json!(self.scene);
+        json["measures"] = measures;
+        json["files"] = files.iter().map(|path| show(path)).collect();
+        let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::Usage(e.to_string()))?;
+        video::atomic::write_bytes(report_path, &text)?;
+        terminal::result(self.json, &json, || {
+            let psnr = |method: &str| json["measures"][method]["psnr_mu"].as_f64().unwrap_or(f64::NAN);
+            format!(
+                "{}\nPSNR-µ: box filter {:.2} dB, pix2hdr {:.2} dB\n{seconds:.1} s in all; look at {} and {}",
+                run_text(&report),
+                psnr("box"),
+                psnr("pix2hdr"),
+                show(&self.out.join("contact-sheet.png")),
+                show(&self.out.join("time-series.png")),
+            )
+        })
+    }
+
+    /// Irradiance of one pixel over time.
+    fn time_series(
+        &self,
+        pixel: usize,
+        [filtered, result, truth]: [&Video; 3],
+        measurement: &Video,
+        calibration: &Calibration,
+    ) -> Plot {
+        let (y, x) = (pixel / truth.width, pixel % truth.width);
+        let series = |video: &Video| -> Vec<(f64, f64)> {
+            (0..video.frames).map(|t| (t as f64, f64::from(video.frame(t)[pixel]))).collect()
+        };
+        let own = |(t, value): (f64, f64)| {
+            let exposure = calibration.exposure(self.camera.schedule_start + t as i64, y, x);
+            (t, calibration.exposure_value(value as f32) as f64 / f64::from(exposure))
+        };
+        Plot::new(format!("irradiance of the pixel in row {y}, column {x}"), "time / ms", "p")
+            .series("raw / exposure", series(measurement).into_iter().map(own))
+            .series("box filter", series(filtered))
+            .series("pix2hdr", series(result))
+            .series("truth", series(truth))
+    }
+}
+
+/// The pixel whose tone-mapped irradiance changes most from frame to frame.
+fn liveliest(video: &Video) -> usize {
+    let change = |pixel: usize| -> f64 {
+        let tone = |t: usize| pix2hdr::video::tone(f64::from(video.frame(t)[pixel]));
+        (1..video.frames).map(|t| (tone(t) - tone(t - 1)).powi(2)).sum()
+    };
+    (0..video.frame_len()).max_by(|&a, &b| change(a).total_cmp(&change(b))).unwrap_or(0)
+}

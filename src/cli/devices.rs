@@ -1,0 +1,35 @@
+//! `pix2hdr devices`: what adapters there are.
+
+use clap::Args;
+use pix2hdr::Result;
+use pix2hdr::gpu;
+use serde_json::json;
+
+use super::terminal;
+
+/// Lists the GPU adapters and what they can do
+#[derive(Args)]
+pub struct Devices {
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Devices {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let adapters = gpu::adapters();
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let report = json!({ "cpu_threads": threads, "adapters": adapters });
+        terminal::result(self.json, &report, || {
+            let mut text = format!("cpu: {threads} threads");
+            for adapter in &adapters {
+                text += &format!("\n{adapter}");
+            }
+            if adapters.is_empty() {
+                text += "\nno GPU adapter: install its Vulkan driver, or mesa-vulkan-drivers for software Vulkan";
+            }
+            text
+        })
+    }
+}

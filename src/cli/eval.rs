@@ -1,0 +1,30 @@
+//! `pix2hdr eval`: quality measures.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use pix2hdr::Result;
+use pix2hdr::quality::compare;
+use pix2hdr::video;
+
+use super::terminal;
+
+/// Compares a result with the ground truth: PSNR, PSNR-µ, SSIM
+#[derive(Args)]
+pub struct Eval {
+    /// Ground truth: folder of EXR frames or .npy cube
+    truth: PathBuf,
+    /// Result of the same size
+    result: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Eval {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let measures = compare(&video::read(&self.truth)?, &video::read(&self.result)?)?;
+        terminal::result(self.json, &measures, || measures.to_string())
+    }
+}

@@ -1,0 +1,66 @@
+//! `pix2hdr import`: a real recording becomes a capture.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use pix2hdr::Result;
+use pix2hdr::sensor::{Capture, check_exposure_ratio, hold_to_covering};
+use serde_json::json;
+
+use super::options::{CaptureOptions, show};
+use super::terminal;
+
+/// Turns a real recording into a capture: layout, black level, timing and schedule
+///
+/// The array is u8 or u16 [t, y, x] in sensor layout. What a .json beside it does not say is said by options. A
+/// recording of the last finished read-outs (--timing hold) is shifted so that each frame holds the exposure that
+/// covers it; a live source that needs that waits for the longest exposure.
+#[derive(Args)]
+pub struct Import {
+    /// The recording (.npy, u8 or u16)
+    file: PathBuf,
+    /// Folder for capture.npy and capture.json
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    #[command(flatten)]
+    options: CaptureOptions,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Import {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let recording = Capture::read(&self.file, &self.options.keys()?)?;
+        let capture = hold_to_covering(&recording);
+        let check = check_exposure_ratio(&capture);
+        match check {
+            Some(check) => {
+                if let Some(warning) = check.warning() {
+                    terminal::warn(&warning);
+                }
+            }
+            None => terminal::warn("too few static, well exposed pixels to check how values scale with exposure"),
+        }
+        let files = capture.write(&self.out)?;
+        let latency = capture.pattern.longest_readout() as f64 * capture.info.frame_period_ms;
+        let report = json!({
+            "pattern": capture.pattern.name, "frames": capture.frames, "height": capture.height,
+            "width": capture.width, "exposure_exponent": check.map(|check| check.exponent),
+            "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
+        });
+        terminal::result(self.json, &report, || {
+            let exponent = check.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
+            format!(
+                "{}: {} frames of {}×{}, pattern {}\nvalues scale with exposure to the power of {exponent} (1 is \
+                 right)\na live source of this pattern lags by its longest exposure, {latency} ms",
+                show(&files[0]),
+                capture.frames,
+                capture.height,
+                capture.width,
+                capture.pattern.name
+            )
+        })
+    }
+}

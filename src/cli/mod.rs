@@ -1,0 +1,61 @@
+//! The command line: one file a command.
+
+mod dataset;
+mod demo;
+mod devices;
+mod eval;
+mod import;
+mod options;
+mod sample;
+mod scene;
+mod suite;
+mod synth;
+mod terminal;
+mod weights;
+
+use clap::{Parser, Subcommand};
+use pix2hdr::Result;
+
+/// Turns the output of pixel-wise programmable cameras into 1000 fps HDR video.
+#[derive(Parser)]
+#[command(version, about, long_about = None, max_term_width = 100)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Says more on standard error; twice, everything
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(demo::Demo),
+    Scene(scene::SceneCommand),
+    Sample(sample::Sample),
+    Import(import::Import),
+    Synth(synth::Synth),
+    Eval(eval::Eval),
+    Suite(suite::SuiteCommand),
+    Dataset(dataset::Dataset),
+    Devices(devices::Devices),
+    Weights(weights::Weights),
+}
+
+impl Arguments {
+    /// Runs the command.
+    pub fn run(self) -> Result<()> {
+        terminal::log(self.verbose);
+        match self.command {
+            Command::Demo(command) => command.run(),
+            Command::Scene(command) => command.run(),
+            Command::Sample(command) => command.run(),
+            Command::Import(command) => command.run(),
+            Command::Synth(command) => command.run(),
+            Command::Eval(command) => command.run(),
+            Command::Suite(command) => command.run(),
+            Command::Dataset(command) => command.run(),
+            Command::Devices(command) => command.run(),
+            Command::Weights(command) => command.run(),
+        }
+    }
+}

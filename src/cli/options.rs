@@ -1,0 +1,261 @@
+//! Options that several commands share.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use pix2hdr::network::Model;
+use pix2hdr::sensor::{Calibration, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
+use pix2hdr::synth::{Backend, Request, Synthesizer};
+use pix2hdr::{Error, Result};
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// Which net runs where.
+#[derive(Args, Clone, Debug)]
+pub struct Engine {
+    /// Weights file, or name of a built-in preset
+    #[arg(long, default_value = "fast", value_name = "FILE|PRESET")]
+    pub weights: String,
+    /// Where the net runs
+    #[arg(long, value_enum, default_value_t)]
+    pub executor: Executor,
+    /// Part of the name of the GPU adapter to use
+    #[arg(long, value_name = "SUBSTRING")]
+    pub adapter: Option<String>,
+    /// How numbers are stored
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
+    /// What may be left out
+    #[arg(long, value_enum, default_value_t)]
+    pub skip: Skip,
+    /// Longest side of a tile in pixels [default: as large as memory allows]
+    #[arg(long, value_name = "PIXELS")]
+    pub tile: Option<usize>,
+}
+
+/// Where a net runs.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum Executor {
+    /// A real GPU if there is one, else the CPU
+    #[default]
+    Auto,
+    /// A GPU, software Vulkan included
+    Gpu,
+    /// The CPU
+    Cpu,
+}
+
+/// How numbers are stored.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum Precision {
+    /// 32 bits
+    #[default]
+    F32,
+}
+
+/// What may be left out.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum Skip {
+    /// Nothing: everything is computed
+    #[default]
+    Off,
+}
+
+impl Engine {
+    /// The net that `--weights` names.
+    pub fn model(&self) -> Result<Model> {
+        Model::load(&self.weights)
+    }
+
+    /// Where it runs.
+    pub fn backend(&self) -> Result<Backend> {
+        let request = match self.executor {
+            Executor::Auto => Request::Auto,
+            Executor::Gpu => Request::Gpu,
+            Executor::Cpu => Request::Cpu,
+        };
+        Backend::choose(request, self.adapter.as_deref())
+    }
+
+    /// A synthesizer for frames of `extent` [rows, columns].
+    pub fn synthesizer(
+        &self,
+        model: &Model,
+        calibration: Calibration,
+        extent: [usize; 2],
+        backend: &Backend,
+    ) -> Result<Synthesizer> {
+        Synthesizer::new(model, calibration, extent, backend, self.tile)
+    }
+
+    /// What ran, for reports.
+    pub fn describe(&self, backend: &Backend) -> Map<String, Value> {
+        let Value::Object(map) = serde_json::json!({
+            "weights": self.weights,
+            "executor": backend.name(),
+            "adapter": backend.adapter(),
+            "precision": "f32",
+            "skip": "off",
+        }) else {
+            unreachable!("an object was written")
+        };
+        map
+    }
+}
+
+/// The simulated camera.
+#[derive(Args, Clone, Debug)]
+pub struct Camera {
+    /// Sampling pattern: a built-in name or a JSON file
+    #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
+    pub pattern: String,
+    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
+    #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
+    pub response: ResponseOption,
+    /// Electrons at y = 1; 0 for no noise at all
+    #[arg(long, default_value_t = Noise::default().full_well_e, value_name = "E")]
+    pub full_well: f64,
+    /// Read noise in electrons rms
+    #[arg(long, default_value_t = Noise::default().read_noise_e, value_name = "E")]
+    pub read_noise: f64,
+    /// Bits per pixel value
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub bit_depth: u32,
+    /// Deliver the last finished read-out, as a live camera does, instead of the covering one
+    #[arg(long)]
+    pub hold: bool,
+    /// Schedule time of the first frame
+    #[arg(long, default_value_t = 0, allow_hyphen_values = true, value_name = "FRAME")]
+    pub schedule_start: i64,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// A response that was named on the command line.
+#[derive(Clone, Debug)]
+pub enum ResponseOption {
+    /// A built-in form.
+    Form(Form),
+    /// A table in a file.
+    Csv(PathBuf),
+}
+
+/// Parses a response: `linear`, `gamma:G`, `soft-knee:K` or a .csv file.
+pub fn parse_response(text: &str) -> std::result::Result<ResponseOption, String> {
+    let number = |value: &str| value.parse().map_err(|_| format!("'{value}' is not a number"));
+    let form = match text.split_once(':') {
+        _ if text.to_ascii_lowercase().ends_with(".csv") => return Ok(ResponseOption::Csv(text.into())),
+        None if text == "linear" => Form::Linear,
+        Some(("gamma", gamma)) => Form::Gamma(number(gamma)?),
+        Some(("soft-knee", knee)) => Form::SoftKnee(number(knee)?),
+        _ => return Err("expected linear, gamma:G, soft-knee:K or a .csv file".into()),
+    };
+    Response::new(form.clone(), 1.0).map_err(|e| e.to_string())?;
+    Ok(ResponseOption::Form(form))
+}
+
+impl ResponseOption {
+    /// The curve.
+    pub fn form(&self) -> Result<Form> {
+        match self {
+            Self::Form(form) => Ok(form.clone()),
+            Self::Csv(path) => Response::read_form(path),
+        }
+    }
+}
+
+impl Camera {
+    /// The camera simulator.
+    pub fn sampler(&self) -> Result<Sampler> {
+        let mut sampler = Sampler::new(Pattern::load(&self.pattern)?, self.response.form()?)?;
+        if !(self.full_well >= 0.0 && self.read_noise >= 0.0 && self.read_noise.is_finite()) {
+            return Err(Error::Usage("--full-well and --read-noise must not be negative".into()));
+        }
+        sampler.noise = if self.full_well == 0.0 {
+            Noise::NONE
+        } else {
+            Noise { full_well_e: self.full_well, read_noise_e: self.read_noise }
+        };
+        sampler.bit_depth = self.bit_depth;
+        sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
+        sampler.schedule_start = self.schedule_start;
+        sampler.seed = self.seed;
+        Ok(sampler)
+    }
+}
+
+/// How a recording is to be read, where its JSON file is missing or wrong.
+#[derive(Args, Clone, Debug, Default)]
+pub struct CaptureOptions {
+    /// Sampling pattern: a built-in name or a JSON file
+    #[arg(long, value_name = "NAME|FILE")]
+    pub pattern: Option<String>,
+    /// What each frame holds
+    #[arg(long, value_enum)]
+    pub timing: Option<TimingOption>,
+    /// Schedule time of the first frame
+    #[arg(long, allow_hyphen_values = true, value_name = "FRAME")]
+    pub schedule_start: Option<i64>,
+    /// Bits that carry information
+    #[arg(long)]
+    pub bit_depth: Option<u32>,
+    /// Count at y = 0
+    #[arg(long, allow_hyphen_values = true, value_name = "COUNT")]
+    pub black_level: Option<f64>,
+    /// Count at y = 1
+    #[arg(long, value_name = "COUNT")]
+    pub white_level: Option<f64>,
+    /// Duration of a frame in milliseconds
+    #[arg(long, value_name = "MS")]
+    pub frame_period_ms: Option<f64>,
+    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
+    #[arg(long, value_parser = parse_response, value_name = "CURVE")]
+    pub response: Option<ResponseOption>,
+}
+
+/// What each frame of a capture holds.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum TimingOption {
+    /// The exposure that covers the frame
+    Covering,
+    /// The last finished read-out
+    Hold,
+}
+
+impl CaptureOptions {
+    /// The options as keys of `capture.json`.
+    pub fn keys(&self) -> Result<Map<String, Value>> {
+        let mut keys = Map::new();
+        let mut set = |key: &str, value: Option<Value>| {
+            if let Some(value) = value {
+                keys.insert(key.into(), value);
+            }
+        };
+        if let Some(name) = &self.pattern {
+            set("pattern", Some(to_json(&PatternSource::of(&Pattern::load(name)?))?));
+        }
+        if let Some(response) = &self.response {
+            set("response", Some(to_json(&response.form()?)?));
+        }
+        set("timing", self.timing.map(|timing| match timing {
+            TimingOption::Covering => "covering".into(),
+            TimingOption::Hold => "hold".into(),
+        }));
+        set("schedule_start", self.schedule_start.map(Value::from));
+        set("bit_depth", self.bit_depth.map(Value::from));
+        set("black_level", self.black_level.map(Value::from));
+        set("white_level", self.white_level.map(Value::from));
+        set("frame_period_ms", self.frame_period_ms.map(Value::from));
+        Ok(keys)
+    }
+}
+
+fn to_json(value: &impl Serialize) -> Result<Value> {
+    serde_json::to_value(value).map_err(|e| Error::Usage(e.to_string()))
+}
+
+/// The name of a file or folder for reports.
+pub fn show(path: &Path) -> String {
+    path.display().to_string()
+}

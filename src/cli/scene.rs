@@ -1,0 +1,144 @@
+//! `pix2hdr scene`: writes a ground-truth video.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use pix2hdr::scene::{self, Moves, Panorama, Rendering, Scene, Speed, procedural};
+use pix2hdr::video::{self, Video, Writing};
+use pix2hdr::{Error, Result};
+use serde_json::json;
+
+use super::options::show;
+use super::terminal;
+
+/// Writes a ground-truth HDR video: a built-in scene, or a clip from a panorama
+///
+/// Built-in scenes: fan, leds, falling, pouring, edge, wedge, still. With --panorama, NAME is one of the speeds
+/// static, slow, medium, fast, extreme.
+#[derive(Args)]
+pub struct SceneCommand {
+    /// Name of a built-in scene, or of a speed with --panorama
+    name: String,
+    /// Folder of EXR frames, or a .npy file
+    #[arg(long, value_name = "PATH")]
+    out: PathBuf,
+    #[command(flatten)]
+    size: Size,
+    /// Cut the clip from this equirectangular panorama (.exr or .hdr)
+    #[arg(long, value_name = "FILE")]
+    panorama: Option<PathBuf>,
+    /// What moves in a clip from a panorama
+    #[arg(long, value_enum, default_value_t)]
+    moves: MovesOption,
+    /// Seed of every random draw
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Write 16-bit instead of 32-bit floating-point numbers
+    #[arg(long)]
+    half: bool,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Size of a rendering.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct Size {
+    /// Number of frames
+    #[arg(long, default_value_t = 64, value_parser = at_least_one)]
+    pub frames: usize,
+    /// Rows in pixels
+    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
+    pub height: usize,
+    /// Columns in pixels
+    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
+    pub width: usize,
+    /// Samples per pixel and frame: instants of motion blur
+    #[arg(long, default_value_t = 8, value_parser = at_least_one)]
+    pub samples: usize,
+}
+
+/// Parses a count of something that must not be empty.
+pub fn at_least_one(text: &str) -> std::result::Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("a whole number from 1".into()),
+        Ok(n) if n > 1 << 24 => Err("at most 16777216".into()),
+        Ok(n) => Ok(n),
+    }
+}
+
+/// What moves.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum MovesOption {
+    /// The camera turns
+    Pan,
+    /// Objects pass
+    Object,
+    /// Both
+    #[default]
+    Both,
+}
+
+impl Size {
+    /// Renders and normalises `scene`, with a progress bar. Returns the anchor too.
+    pub fn render(&self, scene: &dyn Scene, seed: u64) -> Result<(Video, f32)> {
+        let Self { frames, height, width, samples } = *self;
+        let pixels = frames.checked_mul(height).and_then(|n| n.checked_mul(width)).filter(|n| *n <= 1 << 31);
+        if pixels.is_none() {
+            return Err(Error::Usage(format!("{frames} frames of {height}×{width} pixels do not fit into memory")));
+        }
+        let bar = terminal::progress(frames, "rendering");
+        let how = Rendering { frames, height, width, instants: samples, positions: 1, seed };
+        let mut video = scene::render(scene, how, || bar.inc(1));
+        bar.finish_and_clear();
+        let anchor = video.normalise();
+        Ok((video, anchor))
+    }
+}
+
+impl SceneCommand {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let scene = self.scene()?;
+        let (video, anchor) = self.size.render(&*scene, self.seed)?;
+        let how = Writing {
+            half: self.half,
+            overwrite: self.overwrite,
+            frame_period_ms: Some(1.0),
+            anchor: Some(anchor),
+        };
+        video::write(&self.out, &video, how)?;
+        let Size { frames, height, width, .. } = self.size;
+        let report = json!({
+            "scene": self.name, "frames": frames, "height": height, "width": width,
+            "anchor": anchor, "files": [show(&self.out)],
+        });
+        terminal::result(self.json, &report, || {
+            format!("{}: {frames} frames of {height}×{width}, p = 1 at radiance {anchor:.4}", show(&self.out))
+        })
+    }
+
+    fn scene(&self) -> Result<Box<dyn Scene>> {
+        let Size { height, width, frames, .. } = self.size;
+        let Some(path) = &self.panorama else {
+            return procedural::by_name(&self.name, height, width, self.seed).ok_or_else(|| {
+                Error::Usage(format!("no scene '{}'; there are {}", self.name, procedural::NAMES.join(", ")))
+            });
+        };
+        let speed = Speed::ALL.into_iter().find(|speed| speed.name() == self.name).ok_or_else(|| {
+            let names = Speed::ALL.map(Speed::name).join(", ");
+            Error::Usage(format!("with --panorama the name is a speed: {names}; not '{}'", self.name))
+        })?;
+        let moves = match self.moves {
+            MovesOption::Pan => Moves::Pan,
+            MovesOption::Object => Moves::Object,
+            MovesOption::Both => Moves::Both,
+        };
+        let panoramas = [Arc::new(Panorama::read(path)?)];
+        Ok(Box::new(scene::suite_clip(&panoramas, 0, (speed, moves), [height, width], frames, self.seed)))
+    }
+}

@@ -1,0 +1,96 @@
+//! `pix2hdr suite`: the quality benchmark.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use pix2hdr::network::Model;
+use pix2hdr::quality::{Method, Suite, SuiteReport};
+use pix2hdr::scene::Panorama;
+use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
+use pix2hdr::Result;
+
+use super::options::Engine;
+use super::scene::at_least_one;
+use super::terminal;
+
+/// Measures quality on the same deterministic clips for every method, from any folder of panoramas
+///
+/// Per panorama: static, slow, medium, fast and extreme motion; as camera pan, as moving object, and as both; at
+/// normal and at low light. The box filter is always among the methods.
+#[derive(Args)]
+pub struct SuiteCommand {
+    /// Folder of equirectangular panoramas (.exr or .hdr)
+    #[arg(long, value_name = "FOLDER")]
+    panoramas: PathBuf,
+    #[command(flatten)]
+    engine: Engine,
+    /// More weights files or presets to compare
+    #[arg(value_name = "FILE|PRESET")]
+    more: Vec<String>,
+    /// Sampling pattern: a built-in name or a JSON file
+    #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
+    pattern: String,
+    /// Frames per clip
+    #[arg(long, default_value_t = 32, value_parser = at_least_one)]
+    frames: usize,
+    /// Rows and columns
+    #[arg(long, default_value_t = 128, value_parser = at_least_one)]
+    size: usize,
+    /// Seed of the clips and of the noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl SuiteCommand {
+    /// Runs the command.
+    pub fn run(&self) -> Result<()> {
+        let pattern = Pattern::load(&self.pattern)?;
+        let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64)?;
+        let calibration = Calibration::new(&pattern, &response);
+        let extent = [self.size, self.size];
+        let panoramas = Panorama::read_folder(&self.panoramas)?;
+        let backend = self.engine.backend()?;
+        let mut methods = vec![("box".to_owned(), Method::Box)];
+        for name in std::iter::once(&self.engine.weights).chain(&self.more) {
+            let model = Model::load(name)?;
+            model.check_pattern(&pattern)?;
+            let synthesizer = self.engine.synthesizer(&model, calibration.clone(), extent, &backend)?;
+            methods.push((name.clone(), Method::Net(Box::new(synthesizer))));
+        }
+        let suite = Suite { pattern, frames: self.frames, extent, seed: self.seed };
+        let bar = terminal::progress(Suite::clips(panoramas.len()), "clips");
+        let report = suite.run(&panoramas, &mut methods, |done| bar.set_position(done as u64))?;
+        bar.finish_and_clear();
+        terminal::result(self.json, &report, || table(&report, &methods))
+    }
+}
+
+/// Methods as columns, classes as rows: PSNR-µ, and its margin over the box filter.
+fn table(report: &SuiteReport, methods: &[(String, Method)]) -> String {
+    let box_scores = &report.methods["box"];
+    let names: Vec<&String> = methods.iter().map(|(name, _)| name).collect();
+    let mut text = format!("PSNR-µ in dB (margin over the box filter), mean over {} clips\n{:22}", report.clips, "");
+    for name in &names {
+        text += &format!("{:>24}", name.rsplit('/').next().unwrap_or(name));
+    }
+    let mut row = |label: &str, value: &dyn Fn(&str) -> (f64, f64)| {
+        text += &format!("\n{label:22}");
+        for name in &names {
+            let (score, reference) = value(name);
+            text += &format!("{:>24}", format!("{score:.2} ({:+.2})", score - reference));
+        }
+    };
+    for (class, reference) in &box_scores.classes {
+        row(class, &|name| (report.methods[name].classes[class].psnr_mu, reference.psnr_mu));
+    }
+    row("overall", &|name| (report.methods[name].overall.psnr_mu, box_scores.overall.psnr_mu));
+    row("overall PSNR", &|name| (report.methods[name].overall.psnr, box_scores.overall.psnr));
+    row("overall SSIM-µ", &|name| {
+        let ssim = |name: &str| report.methods[name].overall.ssim_mu.unwrap_or(f64::NAN);
+        (ssim(name), ssim("box"))
+    });
+    text
+}

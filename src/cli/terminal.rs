@@ -1,0 +1,39 @@
+//! What the user sees while a command runs: messages and progress on standard error, results on standard output.
+
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use pix2hdr::{Error, Result};
+use serde::Serialize;
+use tracing_subscriber::EnvFilter;
+
+/// Sends log messages to standard error.
+pub fn log(verbose: u8) {
+    let level = ["warn", "pix2hdr=info,warn", "debug"][usize::from(verbose).min(2)];
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+}
+
+/// A bar for `len` steps of what `message` says; hidden where standard error is not a terminal.
+pub fn progress(len: usize, message: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:12} {wide_bar} {pos}/{len} {elapsed} (left {eta})")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(len as u64).with_style(style).with_message(message);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// A warning, on standard error.
+pub fn warn(message: &str) {
+    eprintln!("pix2hdr: warning: {message}");
+}
+
+/// Prints a result: one JSON object if `json`, else what `text` says.
+pub fn result(json: bool, value: &impl Serialize, text: impl FnOnce() -> String) -> Result<()> {
+    if json {
+        println!("{}", serde_json::to_string_pretty(value).map_err(|e| Error::Usage(e.to_string()))?);
+    } else {
+        println!("{}", text());
+    }
+    Ok(())
+}
