@@ -1,1 +1,85 @@
-//! The CPU executor.
+//! The CPU executor: one twin for each kernel, generic over f32 and f64.
+//!
+//! At f64 it is the oracle that other executors are compared with ([`evaluate`], [`bound`]), at f32 the fallback
+//! for machines without a GPU. Kernels are the files named like the shaders; [`CpuExecutor`] runs a plan with them.
+
+pub mod bound;
+mod box_estimate;
+mod camera;
+mod conv3d;
+mod conv_transpose3d;
+mod convolution;
+mod executor;
+mod features;
+mod fuse;
+mod gemm;
+mod inverse_response;
+mod real;
+mod unfold;
+mod view;
+
+pub use executor::CpuExecutor;
+pub use real::Real;
+
+use crate::network::{Kernel, Shape, Tensor};
+use crate::sensor::Calibration;
+use convolution::Packed;
+use view::{ScratchPool, TensorView, TensorViewMut};
+
+/// Runs one kernel on dense tensors, which must have the shapes that the kernel wants.
+///
+/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the window's first frame.
+pub fn evaluate<R: Real>(
+    kernel: &Kernel,
+    inputs: &[Tensor<R>],
+    output_shape: Shape,
+    calibration: &Calibration,
+    schedule: i64,
+) -> Tensor<R> {
+    let mut output = Tensor::filled(output_shape, R::ZERO);
+    let call =
+        Call { kernel, packed: &pack(kernel), calibration, schedule, scratch: &ScratchPool::default() };
+    call.run(|i| inputs.get(i).map(TensorView::dense), TensorViewMut::dense(&mut output));
+    output
+}
+
+/// The packed weights of a kernel that has some.
+fn pack<R: Real>(kernel: &Kernel) -> Option<Packed<R>> {
+    match kernel {
+        Kernel::Conv3d(step) => Some(conv3d::pack(step)),
+        Kernel::ConvTranspose3d(step) => Some(conv_transpose3d::pack(step)),
+        _ => None,
+    }
+}
+
+/// All that a kernel call needs besides its tensors.
+struct Call<'a, R> {
+    kernel: &'a Kernel,
+    packed: &'a Option<Packed<R>>,
+    calibration: &'a Calibration,
+    schedule: i64,
+    scratch: &'a ScratchPool<R>,
+}
+
+impl<R: Real> Call<'_, R> {
+    /// Runs the kernel on the step's inputs, which `input` gives by number.
+    fn run<'t>(&self, input: impl Fn(usize) -> Option<TensorView<'t, R>>, output: TensorViewMut<'_, R>) {
+        let Self { kernel, packed, calibration, schedule, scratch } = *self;
+        let wanted = |i: usize| input(i).expect("a plan gives every kernel its inputs");
+        match kernel {
+            Kernel::BoxEstimate => box_estimate::run(wanted(0), output, calibration, schedule, scratch),
+            Kernel::Features { channels, block } => {
+                features::run(channels, *block, wanted(0), wanted(1), output, calibration, schedule);
+            }
+            Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => {
+                let packed = packed.as_ref().expect("convolutions are packed");
+                packed.run(wanted(0), input(1), output, scratch);
+            }
+            Kernel::InverseResponse { exposures } => {
+                inverse_response::run(exposures, wanted(0), output, calibration);
+            }
+            Kernel::Fuse => fuse::run(wanted(0), wanted(1), output),
+            Kernel::Unfold { block } => unfold::run(*block, wanted(0), wanted(1), output),
+        }
+    }
+}

@@ -14,7 +14,7 @@ mod tensor;
 pub use executor::Executor;
 pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Window};
 pub use model::{Layer, Model, Trained};
-pub use plan::{Kernel, Plan, Step, View};
+pub use plan::{ConvolutionStep, Kernel, Plan, Step, View};
 pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;

@@ -1,0 +1,250 @@
+//! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (DESIGN §7).
+//!
+//! A bound holds for one step on given inputs, at any executor that stores tensors and weights with unit round-off
+//! `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to 2⁻²¹ on [0.5, 2]
+//! and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
+
+use std::sync::Arc;
+
+use super::camera::{Tone, inverse_response};
+use super::unfold::unfolded;
+use super::view::{ScratchPool, TensorView, TensorViewMut, positions};
+use super::{box_estimate, conv_transpose3d, conv3d, features};
+use crate::network::{Activation, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
+use crate::sensor::Calibration;
+
+/// Unit round-off of tensors that are stored as f32.
+pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
+
+/// Unit round-off of tensors that are stored as f16.
+pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
+
+/// The c of DESIGN §7. It covers second-order terms, and one more rounding to the storage precision, such as that
+/// of products in f16.
+const SLACK: f64 = 2.0;
+
+/// Unit round-off of the arithmetic.
+const U: f64 = F32;
+/// One ULP of a number in f32 is at most this part of it.
+const ULP: f64 = 2.0 * U;
+/// Error of a quotient, as a part of it: 2.5 ULP, and one rounding of a constant.
+const QUOTIENT: f64 = 2.5 * ULP + U;
+/// Error of log close to 1.
+const LOG_NEAR_ONE: f64 = 8.0 * U;
+
+/// Bounds each value's error of one kernel call.
+///
+/// `inputs` are the tensors as the step read them, and `output` is what [`evaluate`](super::evaluate) makes of them at f64.
+pub fn bound(
+    kernel: &Kernel,
+    inputs: &[Tensor<f64>],
+    output: &Tensor<f64>,
+    calibration: &Calibration,
+    schedule: i64,
+    storage: f64,
+) -> Tensor<f64> {
+    let view = |i: usize| TensorView::dense(&inputs[i]);
+    let mut error = Tensor::filled(output.shape, 0.0);
+    match kernel {
+        Kernel::BoxEstimate => {
+            let value = |t: usize, y: usize, x: usize| {
+                let exposure = calibration.exposure(schedule + t as i64, y, x);
+                irradiance_error(calibration, view(0).pixel(t, y, x)[0], exposure)
+            };
+            box_estimate::box_filter(
+                view(0),
+                TensorViewMut::dense(&mut error),
+                &ScratchPool::default(),
+                value,
+            );
+            // Weights are powers of two: 8 additions of positive numbers and a quotient.
+            add(&mut error, output, |mean| (8.0 * U + QUOTIENT) * mean);
+        }
+        Kernel::Features { channels, block } => {
+            let value = |channel: Feature, t: usize, y: usize, x: usize| {
+                let exposure = calibration.exposure(schedule + t as i64, y, x);
+                let measured = view(0).pixel(t, y, x)[0];
+                match channel {
+                    Feature::Measurement | Feature::Saturated => 0.0,
+                    Feature::LogIrradiance => tone_error(
+                        inverse_response(calibration, measured) / exposure as f64,
+                        irradiance_error(calibration, measured, exposure),
+                    ),
+                    Feature::LogEstimate => tone_error(view(1).pixel(t, y, x)[0], 0.0),
+                    Feature::LogExposure => log_error(exposure as f64) + ULP * (exposure as f64).log2().abs(),
+                }
+            };
+            features::fold(channels, *block, TensorViewMut::dense(&mut error), value);
+        }
+        Kernel::Conv3d(step) | Kernel::ConvTranspose3d(step) => {
+            error = convolution_error(kernel, step, inputs, output, storage);
+        }
+        Kernel::InverseResponse { exposures } => {
+            let n = exposures.len();
+            for (errors, values) in error.data.chunks_exact_mut(2 * n).zip(view(0).pixels()) {
+                for ((error, &value), &exposure) in errors[n..].iter_mut().zip(values).zip(exposures) {
+                    *error = irradiance_error(calibration, value, exposure);
+                }
+            }
+        }
+        Kernel::Fuse => {
+            for ((error, weights), (rendered, result)) in
+                error.data.iter_mut().zip(view(0).pixels()).zip(view(1).pixels().zip(&output.data))
+            {
+                let n = weights.len();
+                let products: f64 = weights.iter().zip(&rendered[n..]).map(|(w, p)| (w * p).abs()).sum();
+                let magnitude: f64 = weights.iter().map(|w| w.abs()).sum();
+                let weight = weights.iter().sum::<f64>().abs();
+                let sums = n as f64 * U * (products + magnitude * result.abs());
+                *error = sums / weight + QUOTIENT * result.abs();
+            }
+        }
+        Kernel::Unfold { block } => {
+            let estimates = inputs[1].data.iter().zip(&output.data);
+            for ((error, position), (&estimate, &result)) in
+                error.data.iter_mut().zip(positions(output.shape.extent())).zip(estimates)
+            {
+                let residual = unfolded(*block, view(0), position);
+                let sum = Tone::new().of(estimate) + residual.abs();
+                *error = inverse_tone_error(result, tone_error(estimate, 0.0) + U * sum);
+            }
+        }
+    }
+    let least = smallest_normal(storage);
+    add(&mut error, output, |value| storage * value.abs().max(least));
+    error.map(|error| SLACK * error)
+}
+
+/// The largest error as a fraction of its bound; infinite where a result is not a number.
+pub fn largest_fraction(actual: &Tensor<f32>, exact: &Tensor<f64>, bound: &Tensor<f64>) -> f64 {
+    let values = actual.data.iter().zip(&exact.data).zip(&bound.data);
+    let fractions = values.map(|((&actual, exact), bound)| {
+        let error = (actual as f64 - exact).abs();
+        if error.is_nan() {
+            f64::INFINITY
+        } else if error == 0.0 {
+            0.0
+        } else {
+            error / bound
+        }
+    });
+    fractions.fold(0.0, f64::max)
+}
+
+/// Adds `f` of each value to its error.
+fn add(error: &mut Tensor<f64>, output: &Tensor<f64>, f: impl Fn(f64) -> f64) {
+    for (error, &value) in error.data.iter_mut().zip(&output.data) {
+        *error += f(value);
+    }
+}
+
+/// The smallest number with full precision in the format with unit round-off `storage`; below, the spacing of
+/// numbers is that of this number.
+fn smallest_normal(storage: f64) -> f64 {
+    if storage > F32 { 2f64.powi(-14) } else { f32::MIN_POSITIVE as f64 }
+}
+
+/// Error of a convolution and its epilogue.
+fn convolution_error(
+    kernel: &Kernel,
+    step: &ConvolutionStep,
+    inputs: &[Tensor<f64>],
+    output: &Tensor<f64>,
+    storage: f64,
+) -> Tensor<f64> {
+    // |W| ∗ |x| + |bias|. Weights that storage may round as if they were larger count as that.
+    let least = smallest_normal(storage) as f32;
+    let absolute = ConvolutionStep {
+        activation: Activation::None,
+        layer: Arc::new(Layer {
+            weight: step
+                .layer
+                .weight
+                .iter()
+                .map(|w| if *w == 0.0 { 0.0 } else { w.abs().max(least) })
+                .collect(),
+            bias: step.layer.bias.iter().map(|b| b.abs()).collect(),
+            norm: None,
+        }),
+        ..*step
+    };
+    let packed = match kernel {
+        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute),
+        _ => conv3d::pack(&absolute),
+    };
+    let mut error = Tensor::filled(output.shape, 0.0);
+    let magnitudes = inputs[0].map(|x| x.abs());
+    packed.run(
+        TensorView::dense(&magnitudes),
+        None,
+        TensorViewMut::dense(&mut error),
+        &ScratchPool::default(),
+    );
+    let products = packed.products() as f64;
+    let norm = step.layer.norm.as_ref();
+    for (index, error) in error.data.iter_mut().enumerate() {
+        let channel = index % step.out_channels;
+        let magnitude = *error;
+        let sum = (2.0 * storage + products * U) * magnitude;
+        // The error, and the largest magnitude that the value can have.
+        let (mut bound, mut value) = match step.activation {
+            Activation::None => (sum, magnitude),
+            Activation::LeakyRelu(slope) => {
+                let steepest = (slope.abs() as f64).max(1.0);
+                (steepest * sum + U * steepest * magnitude, steepest * magnitude)
+            }
+            // With s the result, the error of exp adds at most s(1 − s)(3 + 2|v|) ULP, which is below 1.25 ULP;
+            // 1 + e half, and the quotient 2.5 ULP.
+            Activation::Sigmoid => (0.25 * sum + 5.0 * ULP, 1.0),
+            // The error of exp adds at most e^−|v| (3 + 2|v|) ≤ 3 ULP, 1 + e half; then log, and two sums.
+            Activation::Softplus(floor) => {
+                let value = magnitude + std::f64::consts::LN_2 + floor.abs() as f64;
+                (sum + 3.5 * ULP + LOG_NEAR_ONE + 2.0 * U * value, value)
+            }
+        };
+        if let Some((scale, shift)) = norm {
+            let (scale, shift) = (scale[channel].abs() as f64, shift[channel].abs() as f64);
+            value = value * scale + shift;
+            bound = bound * scale + 2.0 * U * value;
+        }
+        if let Some(added) = inputs.get(1) {
+            value += added.data[index].abs();
+            bound += U * value;
+        }
+        *error = bound;
+    }
+    error
+}
+
+/// Error of R⁻¹(y)/e: the position in the table is off by a rounding, which its slope turns into an error.
+fn irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
+    let table = &calibration.inverse_response;
+    let intervals = table.len() - 1;
+    let position = y.clamp(0.0, 1.0) * intervals as f64;
+    let index = (position as usize).min(intervals - 1);
+    // A rounded position can lie in the next interval.
+    let near = &table[index.saturating_sub(1)..table.len().min(index + 3)];
+    let slope = near.windows(2).map(|pair| (pair[1] - pair[0]).abs() as f64).fold(0.0, f64::max);
+    let value = near.iter().map(|v| v.abs() as f64).fold(0.0, f64::max);
+    (U * position * slope + 3.0 * U * value + QUOTIENT * value) / exposure as f64
+}
+
+/// Error of log2 x or ln x by itself.
+fn log_error(x: f64) -> f64 {
+    if (0.49..2.01).contains(&x) { LOG_NEAR_ONE } else { 3.0 * ULP * x.ln().abs() }
+}
+
+/// Error of l(p) = ln(1 + µp)/ln(1 + µ) where p is off by `error`.
+fn tone_error(p: f64, error: f64) -> f64 {
+    let sum = 1.0 + MU * p;
+    let log = (MU * error + U * (MU * p + sum)) / sum + log_error(sum);
+    (log + QUOTIENT * sum.ln()) / MU.ln_1p()
+}
+
+/// Error of p = l⁻¹(v) = (exp(v ln(1 + µ)) − 1)/µ where v is off by `error`.
+fn inverse_tone_error(p: f64, error: f64) -> f64 {
+    let power = 1.0 + MU * p;
+    let exponent = power.ln();
+    let relative = MU.ln_1p() * error + 2.0 * U * exponent + (3.0 + 2.0 * exponent) * ULP + U;
+    power * relative / MU + QUOTIENT * p
+}

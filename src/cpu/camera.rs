@@ -1,0 +1,39 @@
+//! The camera's tables and the tone curve, as kernels use them.
+
+use super::Real;
+use crate::network::MU;
+use crate::sensor::Calibration;
+
+/// R⁻¹(y) in p·frames: linear between the table's nodes; the first node below 0, the last one from 1 on.
+pub fn inverse_response<R: Real>(calibration: &Calibration, y: R) -> R {
+    let table = &calibration.inverse_response;
+    let intervals = table.len() - 1;
+    let position = y.at_least(R::ZERO).at_most(R::ONE) * R::from_f64(intervals as f64);
+    let index = position.to_index().min(intervals - 1);
+    let (below, above) = (R::from_f32(table[index]), R::from_f32(table[index + 1]));
+    below + (position - R::from_f64(index as f64)) * (above - below)
+}
+
+/// The tone curve l(p) = ln(1 + µp)/ln(1 + µ) and its inverse.
+#[derive(Clone, Copy, Debug)]
+pub struct Tone<R> {
+    mu: R,
+    ln_1p_mu: R,
+}
+
+impl<R: Real> Tone<R> {
+    /// The curve for µ = 5000.
+    pub fn new() -> Self {
+        Self { mu: R::from_f64(MU), ln_1p_mu: R::from_f64(MU.ln_1p()) }
+    }
+
+    /// l(p).
+    pub fn of(&self, p: R) -> R {
+        (self.mu * p).ln_1p() / self.ln_1p_mu
+    }
+
+    /// l⁻¹(v).
+    pub fn inverse(&self, v: R) -> R {
+        (v * self.ln_1p_mu).exp_m1() / self.mu
+    }
+}

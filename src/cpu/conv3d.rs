@@ -1,0 +1,17 @@
+//! `conv3d`: convolution with zero padding and a stride, then the epilogue.
+
+use super::Real;
+use super::convolution::{Axis, Packed, Phase};
+use crate::network::ConvolutionStep;
+
+/// Packs weights [out, in, kt, ky, kx]. Result o sums over the inputs o·stride − padding + tap.
+pub fn pack<R: Real>(step: &ConvolutionStep) -> Packed<R> {
+    let [kt, ky, kx] = step.kernel;
+    let axes = std::array::from_fn(|i| Axis {
+        stride: step.stride[i],
+        phases: vec![Phase { origin: -(step.padding[i] as isize), taps: step.kernel[i] }],
+    });
+    Packed::new(step, axes, |o, i, _, [t, y, x]| {
+        step.layer.weight[(((o * step.in_channels + i) * kt + t) * ky + y) * kx + x]
+    })
+}

@@ -1,0 +1,115 @@
+//! The numbers that kernels are generic over.
+
+use std::fmt::Debug;
+use std::iter::Sum;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+use super::gemm::Gemm;
+
+/// A floating-point type that every kernel runs on: `f32`, the fallback, or `f64`, the oracle.
+pub trait Real:
+    Gemm
+    + Copy
+    + Debug
+    + Default
+    + PartialOrd
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + Sum
+    + 'static
+{
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+    /// "f32" or "f64".
+    const NAME: &'static str;
+
+    /// The nearest value to an `f64`.
+    fn from_f64(value: f64) -> Self;
+    /// Exactly the value of an `f32`.
+    fn from_f32(value: f32) -> Self;
+    /// The nearest `f32`.
+    fn to_f32(self) -> f32;
+    /// Exactly this value.
+    fn to_f64(self) -> f64;
+    /// The whole part as an index; 0 for negative values and NaN.
+    fn to_index(self) -> usize;
+    /// |v|.
+    #[must_use]
+    fn abs(self) -> Self;
+    /// eᵛ.
+    #[must_use]
+    fn exp(self) -> Self;
+    /// eᵛ − 1.
+    #[must_use]
+    fn exp_m1(self) -> Self;
+    /// ln(1 + v).
+    #[must_use]
+    fn ln_1p(self) -> Self;
+    /// log2 v.
+    #[must_use]
+    fn log2(self) -> Self;
+
+    /// The larger of two numbers; `other` if this one is NaN.
+    #[must_use]
+    fn at_least(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+
+    /// The smaller of two numbers; `other` if this one is NaN.
+    #[must_use]
+    fn at_most(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+}
+
+macro_rules! implement_real {
+    ($real:ident) => {
+        impl Real for $real {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+            const NAME: &'static str = stringify!($real);
+
+            fn from_f64(value: f64) -> Self {
+                value as Self
+            }
+            fn from_f32(value: f32) -> Self {
+                value as Self
+            }
+            fn to_f32(self) -> f32 {
+                self as f32
+            }
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            fn to_index(self) -> usize {
+                self as usize
+            }
+            fn abs(self) -> Self {
+                self.abs()
+            }
+            fn exp(self) -> Self {
+                self.exp()
+            }
+            fn exp_m1(self) -> Self {
+                self.exp_m1()
+            }
+            fn ln_1p(self) -> Self {
+                self.ln_1p()
+            }
+            fn log2(self) -> Self {
+                self.log2()
+            }
+        }
+    };
+}
+
+implement_real!(f32);
+implement_real!(f64);
