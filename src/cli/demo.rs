@@ -7,7 +7,7 @@ use clap::Args;
 use pix2hdr::baseline::box_filter;
 use pix2hdr::quality::{Panel, Plot, compare};
 use pix2hdr::scene::procedural;
-use pix2hdr::sensor::{Calibration, Response};
+use pix2hdr::sensor::Calibration;
 use pix2hdr::synth::check_fits;
 use pix2hdr::video::{self, Video, Writing};
 use pix2hdr::{Error, Result};
@@ -73,7 +73,7 @@ impl Demo {
             path
         };
         let how = Writing { half: true, overwrite: true, frame_period_ms: Some(1.0), anchor: Some(anchor) };
-        video::write(add("truth.npy"), &truth, how.clone())?;
+        video::write(add("truth.npy"), &truth, how)?;
         video::write(add("hdr"), &result, how)?;
         capture.write(add("capture"))?;
         let shown = shown_frames(truth.frames);
@@ -85,7 +85,7 @@ impl Demo {
             .write(add("contact-sheet.png"))?;
         let pixel = liveliest(&truth);
         self.time_series(pixel, [&filtered, &result, &truth], &capture.measurement(), &calibration)
-            .write(add("time-series.png"))?;
+            .write(add("time-series.png"), 960, 480)?;
         let seconds = begun.elapsed().as_secs_f64();
         let mut json = run_json(&self.engine.describe(&backend), &report, seconds);
         let report_path = add("report.json");
@@ -121,7 +121,7 @@ impl Demo {
         };
         let own = |(t, value): (f64, f64)| {
             let exposure = calibration.exposure(self.camera.schedule_start + t as i64, y, x);
-            (t, calibration.exposure_value(value as f32) as f64 / f64::from(exposure))
+            (t, f64::from(calibration.exposure_value(value as f32)) / f64::from(exposure))
         };
         Plot::new(format!("irradiance of the pixel in row {y}, column {x}"), "time / ms", "p")
             .series("raw / exposure", series(measurement).into_iter().map(own))

@@ -23,8 +23,18 @@ impl Devices {
         let report = json!({ "cpu_threads": threads, "adapters": adapters });
         terminal::result(self.json, &report, || {
             let mut text = format!("cpu: {threads} threads");
-            for adapter in &adapters {
-                text += &format!("\n{adapter}");
+            for a in &adapters {
+                let can = [("f16", a.shader_f16), ("timestamps", a.timestamps), ("subgroups", a.subgroups)];
+                let can: Vec<&str> = can.iter().filter(|(_, has)| *has).map(|(name, _)| *name).collect();
+                text += &format!(
+                    "\n{}: {} ({}; {})\n    buffers up to {} MiB; {}",
+                    a.backend,
+                    a.name,
+                    a.device_type,
+                    a.driver,
+                    a.max_binding_bytes >> 20,
+                    can.join(", ")
+                );
             }
             if adapters.is_empty() {
                 text += "\nno GPU adapter: install its Vulkan driver, or mesa-vulkan-drivers for software Vulkan";

@@ -1,5 +1,7 @@
 //! PSNR, SSIM and temporal contrast.
 
+use std::fmt;
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -22,6 +24,13 @@ pub struct Measures {
     pub psnr_mu: f64,
     /// Mean SSIM of l(p); none where frames are smaller than the window of 11 pixels.
     pub ssim_mu: Option<f64>,
+}
+
+impl fmt::Display for Measures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "PSNR-µ {:.2} dB, PSNR {:.2} dB", self.psnr_mu, self.psnr)?;
+        self.ssim_mu.map_or(Ok(()), |ssim| write!(f, ", SSIM-µ {ssim:.4}"))
+    }
 }
 
 /// A mean squared error that grows with every frame.

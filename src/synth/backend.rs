@@ -1,7 +1,5 @@
 //! Where a net runs: a GPU, or the CPU executor.
 
-use std::sync::Arc;
-
 use super::tiles::Limits;
 use crate::cpu::CpuExecutor;
 use crate::gpu::{AdapterChoice, Gpu, GpuExecutor};
@@ -33,7 +31,7 @@ pub enum Precision {
 #[derive(Clone)]
 pub enum Backend {
     /// On a GPU.
-    Gpu(Arc<Gpu>),
+    Gpu(Gpu),
     /// On all cores.
     Cpu,
 }
@@ -53,21 +51,21 @@ impl Backend {
             Request::Cpu => Ok(Self::Cpu),
             // A named adapter must be there; without a name, the absence of a GPU is what `auto` is for.
             Request::Auto if adapter.is_none() => match Gpu::open(&choice) {
-                Ok(gpu) => Ok(Self::Gpu(Arc::new(gpu))),
+                Ok(gpu) => Ok(Self::Gpu(gpu)),
                 Err(error) => {
                     tracing::info!("no GPU is used: {error}");
                     Ok(Self::Cpu)
                 }
             },
-            Request::Auto | Request::Gpu => Ok(Self::Gpu(Arc::new(Gpu::open(&choice)?))),
+            Request::Auto | Request::Gpu => Ok(Self::Gpu(Gpu::open(&choice)?)),
         }
     }
 
     /// An executor of `plan`.
-    pub fn executor(&self, plan: Plan, calibration: Calibration) -> Result<Box<dyn Executor>> {
+    pub fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Executor>> {
         Ok(match self {
             Self::Gpu(gpu) => Box::new(GpuExecutor::new(gpu, plan, calibration)?),
-            Self::Cpu => Box::new(CpuExecutor::<f32>::new(plan, calibration)),
+            Self::Cpu => Box::new(CpuExecutor::<f32>::new(plan, calibration.clone())),
         })
     }
 
@@ -90,7 +88,7 @@ impl Backend {
     /// Name of the adapter, if there is one.
     pub fn adapter(&self) -> Option<String> {
         match self {
-            Self::Gpu(gpu) => Some(gpu.name()),
+            Self::Gpu(gpu) => Some(gpu.adapter().name.clone()),
             Self::Cpu => None,
         }
     }

@@ -79,7 +79,7 @@ impl Synthesizer {
             let plan = Plan::lower(model, size[0], size[1])?;
             flop += plan.flop();
             if executors.iter().all(|(known, _)| *known != size) {
-                executors.push((size, backend.executor(plan, calibration.clone())?));
+                executors.push((size, backend.executor(plan, &calibration)?));
             }
         }
         let window = model.graph.window;

@@ -32,10 +32,10 @@ def tensors_of(net: GraphNet) -> dict[str, np.ndarray]:
     return tensors
 
 
-def write_weights(path, net: GraphNet, *, response="any", provenance: dict | None = None, half: bool = False) -> None:
+def write_weights(path, net: GraphNet, graph: dict | None = None, *, response="any", provenance: dict | None = None, half: bool = False) -> None:
     """Writes a weights file, F32 or (`half`) F16, by way of a temporary file.
 
-    `response` is "any" or a response as in `capture.json`.
+    `graph` stands in for the net's own where it differs in its window. `response` is "any" or a response as in `capture.json`.
     Raises ValueError where a tensor is not finite in the chosen type, or not what the graph says.
     """
     kind = np.float16 if half else np.float32
@@ -49,7 +49,7 @@ def write_weights(path, net: GraphNet, *, response="any", provenance: dict | Non
             raise ValueError(f"{name}: not finite as {np.dtype(kind)}")
     metadata = {
         "format": FORMAT,
-        "graph": json.dumps(net.graph),
+        "graph": json.dumps(graph or net.graph),
         "response": json.dumps(response),
         "provenance": json.dumps(provenance or {}),
     }

@@ -25,23 +25,24 @@ def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none",
 
 
 def fast(
-    width=96,
-    blocks=4,
+    width=32,
+    temporal=(3, 1, 3, 1, 3, 3),
     *,
     name="fast",
     pattern="mpve-1-4",
-    window=(16, 4, 8),
+    hop=40,
     fold=(2, 4),
-    channels=("log_irradiance", "log_estimate"),
-    entry_kernel=(1, 1, 1),
+    channels=("log_irradiance", "log_estimate", "saturated"),
 ):
-    """One net in the tone curve's domain: a residual over the box estimate, all of a window's time in channels.
+    """One net in the tone curve's domain: a residual over the box estimate, the pattern's tile in channels.
 
-    `window` is (frames, lead, hop), `fold` the rows and columns that are folded into channels. The net has
-    2 + 2·`blocks` convolutions of [1, 3, 3] behind the entry.
+    `temporal` is the extent in frames of each convolution: entry, pairs of a residual block, tail; in space all are
+    3×3. The window's lead is what they reach in time, so a result does not depend on where windows begin: `hop` can
+    be as long as memory and latency allow.
     """
-    frames, lead, hop = window
-    k = (1, 3, 3)
+    entry, *inner, tail = temporal
+    lead = sum(t // 2 for t in temporal)
+    window = {"frames": hop + 2 * lead, "lead": lead, "hop": hop}
     nodes = [
         {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
         {
@@ -49,23 +50,23 @@ def fast(
             "op": "features",
             "inputs": ["measurement", "estimate"],
             "channels": list(channels),
-            "block": [frames, *fold],
+            "block": [1, *fold],
         },
-        conv("entry", "features", width, entry_kernel, activation=LEAKY),
-        conv("head", "entry", width, k, activation=LEAKY),
+        conv("entry", "features", width, (entry, 3, 3), activation=LEAKY),
     ]
-    last = "head"
-    for i in range(1, blocks + 1):
-        nodes.append(conv(f"block{i}a", last, width, k, activation=LEAKY))
-        nodes.append(conv(f"block{i}b", f"block{i}a", width, k, add=last))
-        last = f"block{i}b"
-    nodes.append(conv("tail", last, hop * fold[0] * fold[1], k))
-    nodes.append({"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [hop, *fold], "start": lead})
+    last = "entry"
+    for i in range(0, len(inner), 2):
+        a, b = f"block{i // 2 + 1}a", f"block{i // 2 + 1}b"
+        nodes.append(conv(a, last, width, (inner[i], 3, 3), activation=LEAKY))
+        nodes.append(conv(b, a, width, (inner[i + 1], 3, 3), add=last))
+        last = b
+    nodes.append(conv("tail", last, fold[0] * fold[1], (tail, 3, 3)))
+    nodes.append({"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [1, *fold], "start": 0})
     return {
         "version": 1,
         "name": name,
         "pattern": pattern,
-        "window": {"frames": frames, "lead": lead, "hop": hop},
+        "window": window,
         "nodes": nodes,
         "output": "radiance",
     }
@@ -144,8 +145,8 @@ def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper
 
 PRESETS = {
     "fast": lambda: fast(),
-    "medium": lambda: fast(64, 4, name="medium"),
-    "tiny": lambda: fast(48, 3, name="tiny"),
+    "medium": lambda: fast(24, (3, 1, 3, 3), name="medium"),
+    "tiny": lambda: fast(16, (3, 1, 3, 1), name="tiny"),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
 }

@@ -142,6 +142,8 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     length.add_argument("--minutes", type=float, help="length of the run in minutes of training, without validation")
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--crop", type=int, default=64, help="pixels at each side")
+    parser.add_argument("--window", type=int, nargs=3, metavar=("FRAMES", "LEAD", "HOP"),
+                        help="train on other windows than the graph's: for nets whose lead is all that they reach in time")
     parser.add_argument("--lr", type=float, default=2e-3)
     parser.add_argument("--loss", choices=[*SIMPLE, "paper"], default="log_mse")
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
@@ -170,7 +172,10 @@ class Run:
         self.args = args
         torch.set_num_threads(args.threads)
         torch.manual_seed(args.seed)
-        self.graph = json.loads(args.graph.read_text())
+        self.exported = json.loads(args.graph.read_text())
+        self.graph = dict(self.exported)
+        if args.window:
+            self.graph["window"] = dict(zip(("frames", "lead", "hop"), args.window, strict=True))
         self.data = Dataset(args.data)
         self.val = Dataset(args.val) if args.val else None
         self.response = response_of(self.graph, self.data)
@@ -241,7 +246,7 @@ class Run:
     def write_weights(self, path: Path) -> None:
         """The averaged weights as they are now."""
         net = self.trainer.averaged
-        write_weights(path, net, response=self.response, provenance=self.provenance(), half=self.args.f16)
+        write_weights(path, net, self.exported, response=self.response, provenance=self.provenance(), half=self.args.f16)
 
     def provenance(self) -> dict:
         """What the weights were trained on and how."""
