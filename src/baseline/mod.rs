@@ -1,14 +1,14 @@
 //! The box filter, the baseline that every figure of quality is held against (DESIGN §4).
 
-use std::ops::{Add, Div, Mul};
-
 use rayon::prelude::*;
 
-use crate::network::SATURATED;
+use crate::cpu;
+use crate::network::{Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
 use crate::video::Video;
 
-/// Irradiance of a whole capture: per frame, each pixel's R⁻¹(y)/e averaged over its 3×3 neighbours.
+/// Irradiance of a whole capture: per frame, each pixel's R⁻¹(y)/e averaged over its 3×3 neighbours. It is the kernel
+/// `box_estimate`, which networks start from, on its own.
 ///
 /// `measurement` holds pixel values y in [0, 1], each frame the exposure that covers it; its first frame is at schedule
 /// time `schedule_start`. Does not depend on the number of threads.
@@ -18,70 +18,14 @@ pub fn box_filter(measurement: &Video, calibration: &Calibration, schedule_start
     if irradiance.data.is_empty() {
         return irradiance;
     }
+    let shape = Shape::new([1, height, width], 1);
     irradiance.data.par_chunks_mut(height * width).enumerate().for_each(|(t, output)| {
-        let measured = measurement.frame(t);
+        let frame = Tensor { shape, data: measurement.frame(t).to_vec() };
         let schedule = schedule_start + t as i64;
-        let values: Vec<f32> = (0..height * width)
-            .map(|i| {
-                let exposure = calibration.exposure(schedule, i / width, i % width);
-                inverse_response(calibration, measured[i]) / exposure
-            })
-            .collect();
-        for (y, row) in output.chunks_mut(width).enumerate() {
-            let rows = neighbours(y, height);
-            let values = rows.map(|y| &values[y * width..][..width]);
-            let measured = rows.map(|y| &measured[y * width..][..width]);
-            filter_row(values, |j, x| f64::from(measured[j][x]) >= SATURATED, |x, mean| row[x] = mean);
-        }
+        let filtered = cpu::evaluate(&Kernel::BoxEstimate, &[frame], shape, calibration, schedule);
+        output.copy_from_slice(&filtered.data);
     });
     irradiance
-}
-
-/// One row of the box filter: the mean of `values` (the rows above, at and below it) over the 3×3 neighbours with
-/// weights (1 2 1)ᵀ(1 2 1). Pixels that are `saturated`(row, column) are left out unless all nine are. `put` takes
-/// column and mean.
-pub fn filter_row<R>(
-    values: [&[R]; 3],
-    saturated: impl Fn(usize, usize) -> bool,
-    mut put: impl FnMut(usize, R),
-) where
-    R: Copy + From<f32> + Add<Output = R> + Mul<Output = R> + Div<Output = R>,
-{
-    const WEIGHTS: [f32; 3] = [1.0, 2.0, 1.0];
-    let width = values[1].len();
-    for x in 0..width {
-        let columns = neighbours(x, width);
-        let (mut sum, mut weight) = (R::from(0.0), 0.0);
-        let mut sum_all = R::from(0.0);
-        for (j, row) in values.iter().enumerate() {
-            for (i, &column) in columns.iter().enumerate() {
-                let w = WEIGHTS[j] * WEIGHTS[i];
-                let weighted = R::from(w) * row[column];
-                sum_all = sum_all + weighted;
-                if !saturated(j, column) {
-                    sum = sum + weighted;
-                    weight += w;
-                }
-            }
-        }
-        put(x, if weight > 0.0 { sum / R::from(weight) } else { sum_all / R::from(16.0) });
-    }
-}
-
-/// i − 1, i and i + 1, mirrored at the borders: −1 → 1 and n → n − 2; a size of 1 repeats.
-pub fn neighbours(i: usize, n: usize) -> [usize; 3] {
-    let before = if i > 0 { i - 1 } else { 1.min(n - 1) };
-    let behind = if i + 1 < n { i + 1 } else { n.saturating_sub(2) };
-    [before, i, behind]
-}
-
-/// R⁻¹(y) in p·frames, linear between the nodes of the table.
-fn inverse_response(calibration: &Calibration, y: f32) -> f32 {
-    let table = &calibration.inverse_response;
-    let intervals = table.len() - 1;
-    let position = y.clamp(0.0, 1.0) * intervals as f32;
-    let index = (position as usize).min(intervals - 1);
-    table[index] + (position - index as f32) * (table[index + 1] - table[index])
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! OpenEXR pictures: one monochrome plane.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use exr::block::lines::LineRef;
@@ -37,13 +37,13 @@ pub fn read(path: impl AsRef<Path>) -> Result<Video> {
 /// As [`read`]; a pixel that is refused is named as one of frame `t`.
 pub(super) fn read_frame(path: impl AsRef<Path>, t: usize) -> Result<Video> {
     let path = path.as_ref();
-    let plane = File::open(path).at(path).and_then(|file| read_plane(file).at(path))?;
+    let plane = File::open(path).at(path).and_then(|file| read_plane(BufReader::new(file)).at(path))?;
     check_pixels(&plane.data, t, plane.width).at(path)?;
     Ok(plane)
 }
 
-fn read_plane(file: File) -> Result<Video> {
-    let reader = exr::block::read(BufReader::new(file), false).map_err(problem)?;
+fn read_plane(content: impl Read + Seek) -> Result<Video> {
+    let reader = exr::block::read(content, false).map_err(problem)?;
     let headers = reader.headers();
     let (part, channels) = headers
         .iter()
@@ -209,6 +209,7 @@ mod tests {
     use exr::image::SpecificChannels;
     use exr::prelude::MetaData;
     use std::fs;
+    use std::io::Cursor;
 
     const HALF: PlaneWriting = PlaneWriting { half: true, frame_period_ms: Some(1.0), anchor: Some(0.5) };
     const FLOAT: PlaneWriting = PlaneWriting { half: false, ..HALF };
@@ -321,9 +322,8 @@ mod tests {
             for change in [0x80, 0xff] {
                 let mut bytes = whole.clone();
                 bytes[at] ^= change;
-                fs::write(&path, bytes).unwrap();
-                if let Ok(video) = read(&path) {
-                    assert!(video.check_finite().is_ok());
+                if let Ok(video) = read_plane(Cursor::new(bytes)) {
+                    assert_eq!(video.data.len(), video.height * video.width);
                 }
             }
         }

@@ -106,7 +106,8 @@ fn is_frame_name(name: &str) -> bool {
     digits.is_some_and(|d| d.len() >= 5 && d.bytes().all(|b| b.is_ascii_digit()))
 }
 
-/// Writes a folder of pictures `frame-00000.exr` … from several threads. The pictures are collected in a hidden folder
+/// Writes a folder of pictures `frame-00000.exr` … from several threads. The pictures are collected in a
+/// hidden folder
 /// beside the destination, which is renamed when it is complete and removed when it never is.
 #[derive(Debug)]
 pub struct FolderWriter {
@@ -120,7 +121,8 @@ pub struct FolderWriter {
 }
 
 impl FolderWriter {
-    /// Begins the folder `path` of `extents` [t, y, x]. An existing folder that is not empty is refused unless `overwrite`
+    /// Begins the folder `path` of `extents` [t, y, x]. An existing folder that is not empty is refused
+    /// unless `overwrite`
     /// says to replace it, and even then if it holds anything but pictures with our names.
     pub fn begin(
         path: impl AsRef<Path>,
@@ -159,7 +161,8 @@ impl FolderWriter {
     }
 }
 
-/// Whether there is nothing at `destination`, an empty folder, or one that `overwrite` allows to replace. Returns the files
+/// Whether there is nothing at `destination`, an empty folder, or one that `overwrite` allows to replace.
+/// Returns the files
 /// to remove.
 fn check_replaceable(destination: &Path, overwrite: bool) -> Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(destination) {
@@ -225,7 +228,8 @@ fn replace(temporary: TempDir, destination: &Path, overwrite: bool) -> Result<()
 
 type Job = (usize, Vec<f32>);
 
-/// Threads that write pictures. Few frames wait at a time, so that a slow disk slows the caller down instead of
+/// Threads that write pictures. Few frames wait at a time, so that a slow disk slows the caller down instead
+/// of
 /// filling the memory.
 #[derive(Debug)]
 struct Pool {

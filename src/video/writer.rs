@@ -46,7 +46,8 @@ enum Kind {
 }
 
 impl VideoWriter {
-    /// Begins a video of `extents` [t, y, x]: a cube if `path` ends in `.npy`, one picture if it ends in `.exr`, a folder of EXR
+    /// Begins a video of `extents` [t, y, x]: a cube if `path` ends in `.npy`, one picture if it ends in
+    /// `.exr`, a folder of EXR
     /// pictures if it has no extension.
     pub fn begin(path: impl AsRef<Path>, extents: [usize; 3], how: Writing) -> Result<Self> {
         let path = path.as_ref();
