@@ -2,6 +2,7 @@
 
 mod clips;
 mod panorama;
+pub mod procedural;
 mod render;
 
 use glam::Vec2;
