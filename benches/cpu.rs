@@ -4,11 +4,10 @@
 //! pixels, all threads.
 //! Each time is the shortest of several windows, as other programs only ever make a step slower.
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use pix2hdr::cpu::CpuExecutor;
-use pix2hdr::network::{Graph, Model, Plan};
+use pix2hdr::network::{Model, Plan, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 
 /// How long to repeat windows of one preset.
@@ -30,19 +29,12 @@ fn main() {
             _ => names.push(argument),
         }
     }
-    let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights-format/presets");
     if names.is_empty() {
-        let files = std::fs::read_dir(&presets).expect("the presets");
-        let stem = |file: std::io::Result<std::fs::DirEntry>| {
-            file.ok()?.path().file_stem()?.to_str().map(str::to_owned)
-        };
-        names = files.filter_map(stem).collect();
-        names.sort();
+        names = presets::all().map(|preset| preset.name.to_owned()).to_vec();
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     for name in names {
-        let json = std::fs::read_to_string(presets.join(format!("{name}.json"))).expect("a preset");
-        let graph = Graph::from_json(&json).expect("a valid graph");
+        let graph = presets::by_name(&name).and_then(|preset| preset.graph()).expect("a preset");
         let model = Model::random(graph, 1).expect("a valid graph");
         let plan = Plan::lower(&model, height, width).expect("a size that the preset accepts");
         pool.install(|| print_table(&plan));
