@@ -118,8 +118,7 @@ fn check(cases: &[Case]) {
         let (x, added, step, output) = case.random(seed as u64);
         let expected = naive(&step, case.transposed, &x, &added, output);
         let step = Arc::new(step);
-        let kernel =
-            if case.transposed { Kernel::ConvTranspose3d(step) } else { Kernel::Conv3d(step) };
+        let kernel = if case.transposed { Kernel::ConvTranspose3d(step) } else { Kernel::Conv3d(step) };
         let actual = evaluate(&kernel, &[x, added], output, &no_camera(), 0);
         for (index, (a, e)) in actual.data.iter().zip(&expected.data).enumerate() {
             assert!(

@@ -1,5 +1,7 @@
 //! Runs a plan on the CPU.
 
+use std::time::{Duration, Instant};
+
 use super::convolution::Packed;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Call, Real, pack};
@@ -32,6 +34,18 @@ impl<R: Real> CpuExecutor<R> {
             plan,
             calibration,
         }
+    }
+
+    /// Runs one window, and gives the time that each step took.
+    pub fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<(&Step, Duration)>> {
+        self.load(measurement)?;
+        let mut times = Vec::with_capacity(self.plan.steps.len());
+        for index in 0..self.plan.steps.len() {
+            let start = Instant::now();
+            self.step(index, schedule);
+            times.push(start.elapsed());
+        }
+        Ok(self.plan.steps.iter().zip(times).collect())
     }
 
     /// Writes the measurement into its slot. What is not finite counts as 0, so that no kernel meets NaN.

@@ -2,13 +2,14 @@
 //!
 //! Every tensor lives in a *slot*, a buffer of its own. Tensors whose lifetimes do not overlap share a slot. The
 //! inputs of a concatenation are written straight into the channels of the result, so it costs nothing. A step
-//! never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the GPU.
+//! never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the GPU. Where
+//! that keeps a tensor out of a concatenation, it is copied there.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
-use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Op, Shape, Window};
+use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Window};
 
 /// A tensor inside a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,8 +162,10 @@ impl Plan {
         let steps = graph
             .nodes
             .iter()
-            .filter(|node| !matches!(node.op, Op::Concat))
-            .map(|node| {
+            .flat_map(|node| {
+                if matches!(node.op, Op::Concat) {
+                    return copies(node, view(&node.name), &view);
+                }
                 let mut inputs: Vec<View> = node.inputs.iter().map(|name| view(name)).collect();
                 let output = view(&node.name);
                 if let Some(added) = node.convolution().and_then(|conv| conv.add.as_ref()) {
@@ -195,10 +198,10 @@ impl Plan {
                         inputs[1] = inputs[1].frames(*start, output.shape.t);
                         Kernel::Unfold { block: *block }
                     }
-                    Op::Concat => unreachable!("filtered out"),
+                    Op::Concat => unreachable!("returned above"),
                 };
                 debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
-                Step { name: node.name.clone(), kernel, inputs, output }
+                vec![Step { name: node.name.clone(), kernel, inputs, output }]
             })
             .collect();
         let mut result = view(&graph.output);
@@ -239,22 +242,66 @@ impl Step {
     }
 }
 
+/// Which tensors are written straight into a concatenation: its node, and the first channel there.
+fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str, (usize, usize)> {
+    let nodes: HashMap<&str, &Node> = graph.nodes.iter().map(|node| (node.name.as_str(), node)).collect();
+    let reads = |name: &str, other: &str| {
+        let node = nodes[name];
+        let added = node.convolution().and_then(|conv| conv.add.as_ref());
+        node.inputs.iter().chain(added).any(|input| input == other)
+    };
+    let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
+    for (index, concat) in graph.nodes.iter().enumerate().filter(|(_, node)| matches!(node.op, Op::Concat)) {
+        let mut written: Vec<&str> = Vec::new();
+        let mut channel = 0;
+        for input in &concat.inputs {
+            let alone = matches!(nodes[input.as_str()].op, Op::Concat)
+                || part_of.contains_key(input.as_str())
+                || written.iter().any(|part| reads(part, input) || reads(input, part));
+            if !alone {
+                part_of.insert(input, (index, channel));
+                written.push(input);
+            }
+            channel += shapes[input.as_str()].c;
+        }
+    }
+    part_of
+}
+
+/// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with the
+/// identity, which are exact at any precision.
+fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut channel = 0;
+    for name in &concat.inputs {
+        let input = view(name);
+        let c = input.shape.c;
+        let output = View { offset: whole.offset + channel, shape: input.shape, ..whole };
+        channel += c;
+        if input == output {
+            continue;
+        }
+        let weight = (0..c * c).map(|i| if i % (c + 1) == 0 { 1.0 } else { 0.0 }).collect();
+        let kernel = Kernel::Conv3d(Arc::new(ConvolutionStep {
+            kernel: [1; 3],
+            stride: [1; 3],
+            padding: [0; 3],
+            in_channels: c,
+            out_channels: c,
+            activation: Activation::None,
+            layer: Arc::new(Layer { weight, bias: vec![0.0; c], norm: None }),
+        }));
+        steps.push(Step { name: format!("{name} in {}", concat.name), kernel, inputs: vec![input], output });
+    }
+    steps
+}
+
 /// Gives every tensor a buffer, and every buffer its lifetime in steps.
 fn place<'a>(
     graph: &'a Graph,
     shapes: &HashMap<&str, Shape>,
 ) -> Result<(HashMap<&'a str, Place>, Vec<Buffer>), NetworkError> {
-    // Which concatenation a tensor is part of, and at which channel.
-    let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
-    for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| matches!(node.op, Op::Concat)) {
-        let mut channel = 0;
-        for input in &node.inputs {
-            if part_of.insert(input, (index, channel)).is_some() {
-                return Err(node.fail(format!("'{input}' is part of two concatenations")));
-            }
-            channel += shapes[input.as_str()].c;
-        }
-    }
+    let part_of = parts(graph, shapes);
     let mut buffers: Vec<Buffer> = Vec::new();
     let mut places: HashMap<&str, Place> = HashMap::new();
     let mut concat_places: HashMap<usize, Place> = HashMap::new();
@@ -272,9 +319,6 @@ fn place<'a>(
         let place = if let Some(&place) = concat_places.get(&index) {
             place
         } else if let Some(&(concat, channel)) = part_of.get(node.name.as_str()) {
-            if part_of.contains_key(graph.nodes[concat].name.as_str()) {
-                return Err(graph.nodes[concat].fail("a concatenation cannot be part of another".into()));
-            }
             let whole = *concat_places.entry(concat).or_insert_with(|| whole_of(&graph.nodes[concat]));
             Place { channel: whole.channel + channel, ..whole }
         } else {
@@ -282,11 +326,7 @@ fn place<'a>(
         };
         let added = node.convolution().and_then(|conv| conv.add.as_ref());
         for input in node.inputs.iter().chain(added) {
-            let read = places[input.as_str()];
-            if read.buffer == place.buffer && !matches!(node.op, Op::Concat) {
-                return Err(node.fail(format!("reads '{input}' from the concatenation that it writes")));
-            }
-            let buffer = &mut buffers[read.buffer];
+            let buffer = &mut buffers[places[input.as_str()].buffer];
             buffer.last = buffer.last.max(index);
         }
         buffers[place.buffer].last = buffers[place.buffer].last.max(index);

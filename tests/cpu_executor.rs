@@ -1,0 +1,270 @@
+//! Whole nets on the CPU: f32 within its bounds, independence of threads, slots that are reused.
+
+use std::collections::HashMap;
+
+use pix2hdr::cpu::bound::{self, bound, largest_fraction};
+use pix2hdr::cpu::{CpuExecutor, evaluate};
+use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Tensor};
+use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const SCHEDULE: i64 = 21;
+
+fn camera() -> Calibration {
+    let pattern = Pattern::built_in("mpve-1-4").unwrap();
+    Calibration::new(&pattern, &Response::new(Form::Gamma(1.8), 2.0).unwrap())
+}
+
+fn model(graph: &str, seed: u64) -> Model {
+    Model::random(Graph::from_json(graph).unwrap(), seed).unwrap()
+}
+
+/// Values of a 10-bit sensor, dark and saturated ones among them.
+fn measurement(len: usize, seed: u64) -> Vec<f32> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..len).map(|_| (rng.random_range(-0.1f32..1.3).clamp(0.0, 1.0) * 1023.0).round() / 1023.0).collect()
+}
+
+/// A U-Net: concatenations, strides, transposed convolutions, all activations, norm, added tensors, fusion.
+const U_NET: &str = r#"{"version": 1, "name": "u-net", "pattern": "any",
+    "window": {"frames": 4, "lead": 1, "hop": 2}, "output": "radiance", "nodes": [
+    {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+    {"name": "input", "op": "features", "inputs": ["measurement", "estimate"], "block": [1, 1, 1],
+     "channels": ["measurement", "log_irradiance", "log_estimate", "saturated", "log_exposure"]},
+    {"name": "down0", "op": "conv3d", "inputs": ["input"], "out_channels": 20, "kernel": [3, 5, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}, "norm": true},
+    {"name": "down1", "op": "conv3d", "inputs": ["down0"], "out_channels": 36, "kernel": [3, 3, 3],
+     "stride": [2, 2, 2], "activation": {"leaky_relu": 0.1}},
+    {"name": "block1a", "op": "conv3d", "inputs": ["down1"], "out_channels": 36, "kernel": [3, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}, "norm": true},
+    {"name": "block1b", "op": "conv3d", "inputs": ["block1a"], "out_channels": 36, "kernel": [3, 3, 3],
+     "stride": [1, 1, 1], "activation": "none", "add": "down1"},
+    {"name": "skip1", "op": "concat", "inputs": ["down1", "block1b"]},
+    {"name": "up0", "op": "conv_transpose3d", "inputs": ["skip1"], "out_channels": 13, "kernel": [4, 4, 4],
+     "stride": [2, 2, 2], "activation": "none", "norm": true},
+    {"name": "skip0", "op": "concat", "inputs": ["down0", "up0"]},
+    {"name": "ldr", "op": "conv3d", "inputs": ["skip0"], "out_channels": 3, "kernel": [3, 3, 3],
+     "stride": [1, 1, 1], "activation": "sigmoid"},
+    {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": [2, 4, 8]},
+    {"name": "weights", "op": "conv3d", "inputs": ["irradiance"], "out_channels": 3, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"softplus": 0.001}},
+    {"name": "radiance", "op": "fuse", "inputs": ["weights", "irradiance"]}]}"#;
+
+/// Blocks folded and unfolded around a chain of residual blocks.
+const FOLDED: &str = r#"{"version": 1, "name": "folded", "pattern": "any",
+    "window": {"frames": 8, "lead": 2, "hop": 4}, "output": "radiance", "nodes": [
+    {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+    {"name": "features", "op": "features", "inputs": ["measurement", "estimate"],
+     "channels": ["log_irradiance", "log_estimate"], "block": [8, 2, 4]},
+    {"name": "head", "op": "conv3d", "inputs": ["features"], "out_channels": 24, "kernel": [1, 1, 1],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "block1a", "op": "conv3d", "inputs": ["head"], "out_channels": 24, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "block1b", "op": "conv3d", "inputs": ["block1a"], "out_channels": 24, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": "none", "add": "head"},
+    {"name": "block2a", "op": "conv3d", "inputs": ["block1b"], "out_channels": 24, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "block2b", "op": "conv3d", "inputs": ["block2a"], "out_channels": 24, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": "none", "add": "block1b"},
+    {"name": "tail", "op": "conv3d", "inputs": ["block2b"], "out_channels": 32, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": "none"},
+    {"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [4, 2, 4], "start": 2}]}"#;
+
+fn nets() -> Vec<(Model, [usize; 2])> {
+    vec![
+        (model(U_NET, 1), [12, 14]),
+        (model(U_NET, 2), [2, 2]),
+        (model(U_NET, 3), [22, 70]),
+        (model(FOLDED, 4), [2, 4]),
+        (model(FOLDED, 5), [34, 52]),
+    ]
+}
+
+fn run<E: Executor>(mut executor: E, plan: &Plan, seed: u64) -> Vec<f32> {
+    let mut result = vec![f32::NAN; plan.result.shape.len()];
+    let measurement = measurement(plan.measurement.shape.len(), seed);
+    executor.run(&measurement, SCHEDULE, &mut result).unwrap();
+    result
+}
+
+#[test]
+fn every_step_at_f32_is_within_its_bound() {
+    let camera = camera();
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        let measurement = measurement(plan.measurement.shape.len(), 7);
+        let mut executor = CpuExecutor::<f32>::new(plan, camera.clone());
+        executor
+            .trace(&measurement, SCHEDULE, &mut |step, inputs, actual| {
+                let inputs: Vec<Tensor<f64>> = inputs.iter().map(|x| x.map(|&v| v as f64)).collect();
+                let exact = evaluate(&step.kernel, &inputs, actual.shape, &camera, SCHEDULE);
+                let bound = bound(&step.kernel, &inputs, &exact, &camera, SCHEDULE, bound::F32);
+                let fraction = largest_fraction(actual, &exact, &bound);
+                println!("{:12} {fraction:.3}", step.name);
+                assert!(fraction <= 1.0, "{}: {fraction} of the bound", step.name);
+
+                // The comparison can fail: a value that is off by a little more than its bound is found,
+                // and no bound is so wide that it would hide a wrong result.
+                let mut wrong = actual.clone();
+                let widest = (0..wrong.data.len()).max_by(|&a, &b| bound.data[a].total_cmp(&bound.data[b]));
+                let widest = widest.unwrap();
+                wrong.data[widest] = (exact.data[widest] + 1.5 * bound.data[widest]) as f32;
+                assert!(largest_fraction(&wrong, &exact, &bound) > 1.0, "{}", step.name);
+                wrong.data[widest] = f32::NAN;
+                assert!(largest_fraction(&wrong, &exact, &bound).is_infinite(), "{}", step.name);
+                let largest = exact.data.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+                assert!(
+                    bound.data[widest] < 1e-3 * largest,
+                    "{}: a bound of {:e} on values up to {largest:e}",
+                    step.name,
+                    bound.data[widest]
+                );
+            })
+            .unwrap();
+    }
+}
+
+#[test]
+fn whole_nets_at_f32_stay_close_to_the_oracle() {
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        let fallback = run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 3);
+        let oracle = run(CpuExecutor::<f64>::new(plan.clone(), camera()), &plan, 3);
+        for (a, b) in fallback.iter().zip(&oracle) {
+            assert!((a - b).abs() <= 2e-5 * b.abs().max(0.1), "{}: {a}, not {b}", plan.name);
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 5))
+        };
+        let one = with(1);
+        for threads in [2, 5] {
+            let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&one), bits(&with(threads)), "{} with {threads} threads", plan.name);
+        }
+    }
+}
+
+#[test]
+fn a_window_leaves_nothing_behind_for_the_next() {
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        let first = measurement(plan.measurement.shape.len(), 1);
+        let second = measurement(plan.measurement.shape.len(), 2);
+        let mut executor = CpuExecutor::<f32>::new(plan.clone(), camera());
+        let mut results = [(); 3].map(|()| vec![f32::NAN; plan.result.shape.len()]);
+        for (measurement, result) in [&first, &second, &first].into_iter().zip(&mut results) {
+            executor.run(measurement, SCHEDULE, result).unwrap();
+        }
+        assert_eq!(results[0], results[2]);
+        assert_ne!(results[0], results[1]);
+    }
+}
+
+/// Every node as a dense tensor of its own: no slots, no views.
+fn dense(model: &Model, plan: &Plan, measurement: &[f32]) -> Tensor<f64> {
+    let given =
+        Tensor { shape: plan.measurement.shape, data: measurement.iter().map(|&v| v as f64).collect() };
+    let mut tensors: HashMap<&str, Tensor<f64>> = HashMap::from([("measurement", given)]);
+    let shapes = model.graph.shapes(plan.measurement.shape.y, plan.measurement.shape.x).unwrap();
+    for node in &model.graph.nodes {
+        let added = node.convolution().and_then(|conv| conv.add.as_ref());
+        let names = node.inputs.iter().chain(added);
+        let mut inputs: Vec<Tensor<f64>> = names.map(|name| tensors[name.as_str()].clone()).collect();
+        let shape = shapes[node.name.as_str()];
+        let result = match &node.op {
+            Op::Concat => {
+                let pixel = |p: usize| {
+                    inputs.iter().flat_map(move |x| x.data[p * x.shape.c..][..x.shape.c].iter().copied())
+                };
+                Tensor { shape, data: (0..shape.pixels()).flat_map(pixel).collect() }
+            }
+            op => {
+                if let Op::Unfold { start, .. } = op {
+                    let frame = inputs[1].shape.y * inputs[1].shape.x;
+                    let data = inputs[1].data[start * frame..][..shape.pixels()].to_vec();
+                    inputs[1] = Tensor { shape, data };
+                }
+                let step = plan.steps.iter().find(|step| step.name == node.name).unwrap();
+                evaluate(&step.kernel, &inputs, shape, &camera(), SCHEDULE)
+            }
+        };
+        tensors.insert(&node.name, result);
+    }
+    tensors.remove(model.graph.output.as_str()).unwrap()
+}
+
+#[test]
+fn slots_and_concatenations_change_nothing() {
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        assert!(plan.slots.len() < plan.steps.len(), "slots are reused");
+        let measurement = measurement(plan.measurement.shape.len(), 11);
+        let expected = dense(&model, &plan, &measurement);
+        let first = if expected.shape.t == plan.window.hop { 0 } else { plan.window.lead };
+        let frame = expected.shape.y * expected.shape.x;
+        let mut result = vec![f32::NAN; plan.result.shape.len()];
+        let mut executor = CpuExecutor::<f64>::new(plan.clone(), camera());
+        executor.run(&measurement, SCHEDULE, &mut result).unwrap();
+        for (a, b) in result.iter().zip(&expected.data[first * frame..]) {
+            assert_eq!(a.to_bits(), (*b as f32).to_bits(), "{}", plan.name);
+        }
+    }
+}
+
+#[test]
+fn no_measurement_makes_results_that_are_not_finite() {
+    let (model, [height, width]) = nets().remove(0);
+    let plan = Plan::lower(&model, height, width).unwrap();
+    let mut executor = CpuExecutor::<f32>::new(plan.clone(), camera());
+    let mut measurement = measurement(plan.measurement.shape.len(), 1);
+    let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1e30, 1e30, f32::MIN_POSITIVE / 2.0, -0.0];
+    for (value, odd) in measurement.iter_mut().zip(odd.iter().cycle()) {
+        *value = *odd;
+    }
+    let mut result = vec![f32::NAN; plan.result.shape.len()];
+    executor.run(&measurement, i64::MIN, &mut result).unwrap();
+    assert!(result.iter().all(|v| v.is_finite()));
+    executor.run(&measurement, i64::MAX - 64, &mut result).unwrap();
+    assert!(result.iter().all(|v| v.is_finite()));
+
+    // What is not a number counts as 0, and values beyond the sensor's range as its ends.
+    let mut other = result.clone();
+    let tame = measurement.iter().map(|v| if v.is_finite() { v.clamp(0.0, 1.0) } else { 0.0 });
+    executor.run(&tame.collect::<Vec<_>>(), i64::MAX - 64, &mut other).unwrap();
+    assert_eq!(result, other);
+}
+
+#[test]
+fn weights_that_overflow_make_results_that_are_finite() {
+    let mut model = model(U_NET, 1);
+    for layer in model.layers.values_mut() {
+        let layer = std::sync::Arc::make_mut(layer);
+        for weight in &mut layer.weight {
+            *weight = weight.signum() * f32::MAX;
+        }
+    }
+    let plan = Plan::lower(&model, 8, 8).unwrap();
+    let result = run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 1);
+    assert!(result.iter().all(|v| v.is_finite()));
+}
+
+#[test]
+fn buffers_of_the_wrong_size_are_refused() {
+    let (model, [height, width]) = nets().remove(0);
+    let plan = Plan::lower(&model, height, width).unwrap();
+    let (input, output) = (plan.measurement.shape.len(), plan.result.shape.len());
+    let mut executor = CpuExecutor::<f32>::new(plan, camera());
+    for (measurement, result) in [(input - 1, output), (input + 1, output), (input, output - 1), (0, 0)] {
+        let refused = executor.run(&vec![0.5; measurement], 0, &mut vec![0.0; result]);
+        assert!(refused.unwrap_err().to_string().contains("values, the plan wants"));
+    }
+}
