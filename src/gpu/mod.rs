@@ -1,10 +1,63 @@
 //! The GPU executor: hand-written WGSL on `wgpu`.
+//!
+//! [`adapters`] lists what there is, [`Gpu::open`] opens one of them, and [`GpuExecutor`] runs a plan on it. The
+//! shaders are in `shaders/`, one file per kernel with the name of its CPU twin; [`kernels`] has the table of them.
+
+mod adapter;
+mod device;
+mod executor;
+mod kernels;
+mod weights;
+
+pub use adapter::{Adapter, AdapterChoice, adapters};
+pub use device::Gpu;
+pub use executor::GpuExecutor;
 
 /// What can go wrong with a GPU.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// No adapter fits the request.
+    /// No adapter fits the request. The text says what can be done.
     #[error("{0}")]
     NoAdapter(String),
+    /// The driver refused to open an adapter.
+    #[error("cannot open {adapter}: {problem}")]
+    Open {
+        /// The adapter's name.
+        adapter: String,
+        /// What the driver says.
+        problem: String,
+    },
+    /// There is not enough memory.
+    #[error("out of GPU memory: {bytes} bytes for {what}; smaller tiles or windows need less")]
+    OutOfMemory {
+        /// What the memory is for.
+        what: String,
+        /// How much was asked for.
+        bytes: u64,
+    },
+    /// A buffer is larger than the adapter allows.
+    #[error("{what} needs {bytes} bytes, the adapter allows {limit}; smaller tiles need less")]
+    TooLarge {
+        /// What the buffer is for.
+        what: String,
+        /// How much was asked for.
+        bytes: u64,
+        /// How much is allowed.
+        limit: u64,
+    },
+    /// A shader was refused.
+    #[error("shader of '{step}': {problem}")]
+    Shader {
+        /// The step of the plan.
+        step: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The device is gone: driver reset, unplugged, or hung.
+    #[error("the GPU was lost: {0}")]
+    Lost(String),
+    /// Any other failure that the driver or `wgpu` reports.
+    #[error("the GPU failed: {0}")]
+    Failed(String),
 }

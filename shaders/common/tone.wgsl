@@ -1,0 +1,8 @@
+// The tone curve l(p) = ln(1 + µp)/ln(1 + µ) and its inverse (DESIGN §2).
+fn tone(p: f32) -> f32 {
+    return log(1.0 + MU * p) / LN_1P_MU;
+}
+
+fn inverse_tone(v: f32) -> f32 {
+    return (exp(v * LN_1P_MU) - 1.0) / MU;
+}

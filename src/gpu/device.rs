@@ -1,0 +1,161 @@
+//! An open GPU: buffers, pipelines and failures.
+
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use wgpu::{BufferUsages, ErrorFilter, PollType};
+
+use super::{Adapter, AdapterChoice, GpuError};
+
+/// An open GPU. Cheap to clone; the clones share device and queue.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    adapter: Arc<Adapter>,
+    failures: Arc<Failures>,
+}
+
+/// What the driver reports outside of calls.
+#[derive(Debug, Default)]
+struct Failures {
+    lost: OnceLock<String>,
+    first: Mutex<Option<GpuError>>,
+}
+
+impl Gpu {
+    /// Opens the adapter of `choice`, with all of its limits.
+    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let (wgpu_adapter, adapter) = choice.find()?;
+        let request = wgpu_adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("pix2hdr"),
+            required_limits: wgpu_adapter.limits(),
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request)
+            .map_err(|e| GpuError::Open { adapter: adapter.name.clone(), problem: e.to_string() })?;
+        let failures = Arc::new(Failures::default());
+        device.set_device_lost_callback({
+            let failures = Arc::clone(&failures);
+            move |reason, message| {
+                // Only the first loss counts.
+                let _ = failures.lost.set(format!("{message} ({reason:?})"));
+            }
+        });
+        device.on_uncaptured_error({
+            let failures = Arc::clone(&failures);
+            Arc::new(move |error: wgpu::Error| {
+                let error = match error {
+                    wgpu::Error::OutOfMemory { .. } => {
+                        GpuError::OutOfMemory { what: "a transfer".into(), bytes: 0 }
+                    }
+                    other => GpuError::Failed(other.to_string()),
+                };
+                failures.first.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            })
+        });
+        Ok(Self { device, queue, adapter: Arc::new(adapter), failures })
+    }
+
+    /// The adapter that is open.
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
+    }
+
+    /// Bytes of the largest buffer that a kernel can use.
+    pub fn largest_binding(&self) -> u64 {
+        self.adapter.max_binding_bytes.min(self.adapter.max_buffer_bytes)
+    }
+
+    /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
+    /// fails after it.
+    pub fn check(&self) -> Result<(), GpuError> {
+        if let Some(reason) = self.failures.lost.get() {
+            return Err(GpuError::Lost(reason.clone()));
+        }
+        let first = self.failures.first.lock().unwrap_or_else(PoisonError::into_inner);
+        first.clone().map_or(Ok(()), Err)
+    }
+
+    /// A buffer of `bytes` bytes, zero at first, that a kernel or a transfer can use for `usage`.
+    pub(super) fn buffer(&self, what: &str, bytes: u64, usage: BufferUsages) -> Result<wgpu::Buffer, GpuError> {
+        self.check()?;
+        let limits = self.device.limits();
+        let kernels = BufferUsages::STORAGE | BufferUsages::UNIFORM;
+        let limit = if usage.intersects(kernels) { self.largest_binding() } else { limits.max_buffer_size };
+        if bytes > limit {
+            return Err(GpuError::TooLarge { what: what.to_owned(), bytes, limit });
+        }
+        let out_of_memory = self.device.push_error_scope(ErrorFilter::OutOfMemory);
+        let invalid = self.device.push_error_scope(ErrorFilter::Validation);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(what),
+            size: bytes,
+            usage,
+            mapped_at_creation: false,
+        });
+        let invalid = pollster::block_on(invalid.pop());
+        let out_of_memory = pollster::block_on(out_of_memory.pop());
+        self.check()?;
+        if out_of_memory.is_some() {
+            return Err(GpuError::OutOfMemory { what: what.to_owned(), bytes });
+        }
+        match invalid {
+            Some(error) => Err(GpuError::Failed(format!("{what}: {error}"))),
+            None => Ok(buffer),
+        }
+    }
+
+    /// A buffer that kernels read, filled with `values`; at least 16 bytes.
+    pub(super) fn storage<T: bytemuck::NoUninit>(
+        &self,
+        what: &str,
+        values: &[T],
+    ) -> Result<wgpu::Buffer, GpuError> {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
+        let buffer = self.buffer(what, (bytes.len() as u64).max(16), usage)?;
+        self.queue.write_buffer(&buffer, 0, bytes);
+        Ok(buffer)
+    }
+
+    /// A compute pipeline with the only entry point of `source`.
+    pub(super) fn pipeline(
+        &self,
+        step: &str,
+        source: &str,
+        layout: &wgpu::PipelineLayout,
+    ) -> Result<wgpu::ComputePipeline, GpuError> {
+        self.check()?;
+        let internal = self.device.push_error_scope(ErrorFilter::Internal);
+        let invalid = self.device.push_error_scope(ErrorFilter::Validation);
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(step),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(step),
+            layout: Some(layout),
+            module: &module,
+            entry_point: None,
+            compilation_options: wgpu::PipelineCompilationOptions {
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        });
+        let invalid = pollster::block_on(invalid.pop());
+        let internal = pollster::block_on(internal.pop());
+        self.check()?;
+        match invalid.or(internal) {
+            Some(error) => Err(GpuError::Shader { step: step.to_owned(), problem: error.to_string() }),
+            None => Ok(pipeline),
+        }
+    }
+
+    /// Waits until `submission` is done.
+    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        let waited = self.device.poll(PollType::Wait { submission_index: Some(submission), timeout: None });
+        self.check()?;
+        waited.map(drop).map_err(|error| GpuError::Failed(error.to_string()))
+    }
+}

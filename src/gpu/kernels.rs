@@ -1,0 +1,382 @@
+//! The table of shaders, and how a step of a plan becomes the text of one.
+//!
+//! A shader is specialised by text, so that every loop bound and every stride is a constant for the driver's
+//! compiler. In front of it stands a generated header of constants: extents, offsets and strides of its tensors by
+//! the names in the table, the camera's tables, and the kernel's own parameters. Two things are expanded in the
+//! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p` or `$j` is repeated
+//! for each pixel or vector of the block that an invocation computes.
+
+use std::fmt::Write;
+
+use super::GpuError;
+use super::weights::{Packing, pack, pack_terms};
+use crate::network::{Activation, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
+use crate::sensor::Calibration;
+
+/// Invocations of a workgroup.
+const WORKGROUP_SIZE: usize = 64;
+
+/// What a binding behind the output holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Resource {
+    /// Packed weights of the step.
+    Weights,
+    /// Packed bias, scale and shift of the step.
+    Terms,
+    /// Exposures of the step's channels.
+    RenderedExposures,
+    /// The calibration's table of R⁻¹.
+    InverseResponse,
+    /// The calibration's table of exposures.
+    Exposures,
+    /// Schedule time of the window, in the pattern's period.
+    Schedule,
+}
+use Resource::{Exposures, InverseResponse, RenderedExposures, Schedule, Terms, Weights};
+
+/// A shader: bindings are the inputs, the output, and the resources, in this order.
+#[derive(Debug)]
+pub(super) struct Shader {
+    /// Name of the file and of the CPU twin.
+    pub name: &'static str,
+    text: &'static str,
+    /// Names of the inputs in the header. The last one may be missing from a step; the first stands in for it.
+    inputs: &'static [&'static str],
+    /// Bindings behind the output.
+    pub resources: &'static [Resource],
+}
+
+macro_rules! shader {
+    ($name:literal, $inputs:expr, $resources:expr) => {
+        Shader {
+            name: $name,
+            text: include_str!(concat!("../../shaders/", $name, ".wgsl")),
+            inputs: &$inputs,
+            resources: &$resources,
+        }
+    };
+}
+
+/// All shaders.
+static SHADERS: [Shader; 7] = [
+    shader!("box_estimate", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
+    shader!("features", ["MEASUREMENT", "ESTIMATE"], [InverseResponse, Exposures, Schedule]),
+    shader!("conv3d", ["INPUT", "ADDED"], [Weights, Terms]),
+    shader!("conv_transpose3d", ["INPUT", "ADDED"], [Weights, Terms]),
+    shader!("inverse_response", ["INPUT"], [InverseResponse, RenderedExposures]),
+    shader!("fuse", ["WEIGHTS", "RENDERED"], []),
+    shader!("unfold", ["RESIDUAL", "ESTIMATE"], []),
+];
+
+/// Pieces that shaders share.
+static PIECES: [(&str, &str); 6] = [
+    ("dispatch", include_str!("../../shaders/common/dispatch.wgsl")),
+    ("epilogue", include_str!("../../shaders/common/epilogue.wgsl")),
+    ("exposure", include_str!("../../shaders/common/exposure.wgsl")),
+    ("inverse_response", include_str!("../../shaders/common/inverse_response.wgsl")),
+    ("products", include_str!("../../shaders/common/products.wgsl")),
+    ("tone", include_str!("../../shaders/common/tone.wgsl")),
+];
+
+/// A step, ready to be compiled and recorded.
+#[derive(Debug)]
+pub(super) struct Call {
+    /// The shader.
+    pub shader: &'static Shader,
+    /// Its specialised text.
+    pub text: String,
+    /// The inputs to bind: as many as the shader has.
+    pub inputs: Vec<View>,
+    /// Workgroups along x and y.
+    pub workgroups: [u32; 2],
+    /// Contents of those resources that belong to the step.
+    pub weights: Vec<f32>,
+    pub terms: Vec<f32>,
+    pub rendered_exposures: Vec<f32>,
+}
+
+/// What one invocation of a convolution computes.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    /// Neighbours along x.
+    pixels: usize,
+    /// Vectors of four output channels.
+    vectors: usize,
+}
+
+/// Limits of the adapter that shape a call.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    /// Workgroups along one dimension.
+    pub max_workgroups: u32,
+}
+
+/// Where the zeros behind the values of a slot begin, in values. Convolutions read them in place of padding.
+pub(super) fn zeros_begin(slot_len: usize) -> usize {
+    slot_len.next_multiple_of(4)
+}
+
+/// How many zeros a slot needs behind its values so that `step` can read one pixel of padding.
+pub(super) fn zeros_len(step: &Step) -> usize {
+    match step.kernel {
+        Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => step.inputs[0].shape.c.next_multiple_of(4),
+        _ => 0,
+    }
+}
+
+impl Call {
+    /// Specialises the shader of `step`. `slots` are the sizes of the plan's slots.
+    pub fn new(
+        step: &Step,
+        slots: &[usize],
+        calibration: &Calibration,
+        grid: Grid,
+    ) -> Result<Self, GpuError> {
+        let shader = shader(&step.kernel);
+        let mut inputs = step.inputs.clone();
+        inputs.resize(shader.inputs.len(), inputs[0]);
+        let mut header = Header::default();
+        for (name, view) in shader.inputs.iter().zip(&inputs) {
+            header.view(name, view, slots[view.slot])?;
+        }
+        header.view("OUTPUT", &step.output, slots[step.output.slot])?;
+        header.float("SATURATED", SATURATED);
+        header.float("MU", MU);
+        header.float("LN_1P_MU", MU.ln_1p());
+        header.unsigned("INVERSE_RESPONSE_INTERVALS", calibration.inverse_response.len() - 1);
+        header.int("PATTERN_PERIOD", calibration.period);
+        header.int("PATTERN_ROWS", calibration.rows);
+        header.int("PATTERN_COLS", calibration.cols);
+
+        let output = step.output.shape;
+        let output_vectors = output.c.div_ceil(4);
+        let mut block = Block { pixels: 1, vectors: 1 };
+        let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), Vec::new(), Vec::new());
+        let invocations = match &step.kernel {
+            Kernel::BoxEstimate | Kernel::Fuse => output.pixels(),
+            Kernel::Features { channels, block } => {
+                header.extents("BLOCK", *block);
+                header.int("CHANNELS", channels.len());
+                header.features(channels);
+                output.pixels() * output_vectors
+            }
+            Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv) => {
+                let transposed = matches!(step.kernel, Kernel::ConvTranspose3d(_));
+                // The pixels that an invocation's block lies in: those of a transposed convolution's input,
+                // once for each phase.
+                let (grid, phases) = if transposed {
+                    (inputs[0].shape, conv.stride.iter().product())
+                } else {
+                    (output, 1)
+                };
+                block = Block::for_layer(grid.x, output_vectors);
+                let groups = output_vectors.div_ceil(block.vectors);
+                let blocks_x = grid.x.div_ceil(block.pixels);
+                let rows = if conv.in_channels < 4 {
+                    conv.in_channels
+                } else {
+                    conv.in_channels.next_multiple_of(4)
+                };
+                let packing = Packing { rows, vectors: groups * block.vectors };
+                header.convolution(conv, packing, step.inputs.len() > 1);
+                header.int("PIXELS", block.pixels);
+                header.int("GROUPS", groups);
+                header.int("BLOCKS_X", blocks_x);
+                weights = pack(conv, transposed, packing);
+                terms = pack_terms(conv, packing);
+                phases * grid.t * grid.y * blocks_x * groups
+            }
+            Kernel::InverseResponse { exposures } => {
+                rendered_exposures.clone_from(exposures);
+                output.pixels() * output_vectors
+            }
+            Kernel::Unfold { block } => {
+                header.extents("BLOCK", *block);
+                output.pixels()
+            }
+        };
+        checked(&step.name, invocations)?;
+        let workgroups = fold(invocations.div_ceil(WORKGROUP_SIZE), grid.max_workgroups);
+        header.unsigned("WORKGROUP_SIZE", WORKGROUP_SIZE);
+        header.unsigned("WORKGROUPS_X", workgroups[0] as usize);
+        header.int("INVOCATIONS", invocations);
+        let text = format!("{}\n{}", header.0, expand(shader.text, block));
+        Ok(Self { shader, text, inputs, workgroups, weights, terms, rendered_exposures })
+    }
+}
+
+impl Block {
+    /// A block for rows of `width` pixels and `vectors` vectors of output channels.
+    fn for_layer(width: usize, vectors: usize) -> Self {
+        Self { pixels: 8.min(width), vectors: 2.min(vectors) }
+    }
+}
+
+fn shader(kernel: &Kernel) -> &'static Shader {
+    let name = match kernel {
+        Kernel::BoxEstimate => "box_estimate",
+        Kernel::Features { .. } => "features",
+        Kernel::Conv3d(_) => "conv3d",
+        Kernel::ConvTranspose3d(_) => "conv_transpose3d",
+        Kernel::InverseResponse { .. } => "inverse_response",
+        Kernel::Fuse => "fuse",
+        Kernel::Unfold { .. } => "unfold",
+    };
+    SHADERS.iter().find(|shader| shader.name == name).expect("every kernel has a line in the table")
+}
+
+/// Shaders count in i32.
+fn checked(what: &str, count: usize) -> Result<(), GpuError> {
+    let limit = i32::MAX as u64;
+    if count as u64 > limit {
+        return Err(GpuError::TooLarge { what: format!("{what} in values"), bytes: count as u64, limit });
+    }
+    Ok(())
+}
+
+/// Workgroups in two dimensions that are at least `count`.
+fn fold(count: usize, max: u32) -> [u32; 2] {
+    let rows = count.div_ceil(max as usize).max(1);
+    [count.div_ceil(rows) as u32, rows as u32]
+}
+
+/// Replaces `#paste` lines, then repeats lines with `$p` and `$j`.
+fn expand(text: &str, block: Block) -> String {
+    let mut expanded = String::new();
+    let pasted = text.lines().flat_map(|line| match line.trim().strip_prefix("#paste ") {
+        Some(name) => {
+            let (_, piece) =
+                PIECES.iter().find(|(piece, _)| *piece == name).expect("pasted pieces are in the table");
+            piece.lines().collect()
+        }
+        None => vec![line],
+    });
+    for line in pasted {
+        let code = line.split("//").next().unwrap_or_default();
+        let pixels = if code.contains("$p") { block.pixels } else { 1 };
+        let vectors = if code.contains("$j") { block.vectors } else { 1 };
+        for (p, j) in (0..pixels).flat_map(|p| (0..vectors).map(move |j| (p, j))) {
+            let _ = writeln!(expanded, "{}", code.replace("$p", &p.to_string()).replace("$j", &j.to_string()));
+        }
+    }
+    expanded
+}
+
+/// The constants in front of a shader.
+#[derive(Debug, Default)]
+struct Header(String);
+
+impl Header {
+    fn line(&mut self, name: &str, type_name: &str, value: impl std::fmt::Display) {
+        let _ = writeln!(self.0, "const {name}: {type_name} = {value};");
+    }
+
+    fn int(&mut self, name: &str, value: usize) {
+        self.line(name, "i32", value);
+    }
+
+    fn unsigned(&mut self, name: &str, value: usize) {
+        self.line(name, "u32", format_args!("{value}u"));
+    }
+
+    fn float(&mut self, name: &str, value: f64) {
+        self.line(name, "f32", format_args!("{:?}f", value as f32));
+    }
+
+    fn boolean(&mut self, name: &str, value: bool) {
+        self.line(name, "bool", value);
+    }
+
+    fn extents(&mut self, name: &str, [t, y, x]: [usize; 3]) {
+        self.int(&format!("{name}_T"), t);
+        self.int(&format!("{name}_Y"), y);
+        self.int(&format!("{name}_X"), x);
+    }
+
+    /// Extents and place of a tensor. Feature tensors are bound as vectors of four channels and counted in them,
+    /// tensors of one value a pixel as single values.
+    fn view(&mut self, name: &str, view: &View, slot_len: usize) -> Result<(), GpuError> {
+        checked(name, slot_len)?;
+        let unit = if view.stride == 1 { 1 } else { 4 };
+        debug_assert!(view.offset % unit == 0 && view.stride % unit == 0, "{view:?}");
+        self.extents(name, view.shape.extent());
+        self.int(&format!("{name}_C"), view.shape.c);
+        self.int(&format!("{name}_VECTORS"), view.shape.c.div_ceil(4));
+        self.int(&format!("{name}_OFFSET"), view.offset / unit);
+        self.int(&format!("{name}_STRIDE"), view.stride / unit);
+        self.int(&format!("{name}_ZEROS"), zeros_begin(slot_len) / unit);
+        Ok(())
+    }
+
+    /// Which channel of a pixel is which feature: four bits each.
+    fn features(&mut self, channels: &[Feature]) {
+        const NAMES: [(&str, Feature); 4] = [
+            ("LOG_IRRADIANCE", Feature::LogIrradiance),
+            ("LOG_ESTIMATE", Feature::LogEstimate),
+            ("IS_SATURATED", Feature::Saturated),
+            ("LOG_EXPOSURE", Feature::LogExposure),
+        ];
+        // 0 is the measurement itself.
+        for (index, (name, _)) in NAMES.iter().enumerate() {
+            self.unsigned(name, index + 1);
+        }
+        let code = |feature: &Feature| NAMES.iter().position(|(_, f)| f == feature).map_or(0, |index| index + 1);
+        let mut halves = channels.chunks(8).map(|half| half.iter().rev().fold(0, |codes, f| codes << 4 | code(f)));
+        self.unsigned("FEATURES_0_TO_7", halves.next().unwrap_or(0));
+        self.unsigned("FEATURES_8_TO_15", halves.next().unwrap_or(0));
+    }
+
+    fn convolution(&mut self, conv: &ConvolutionStep, packing: Packing, add: bool) {
+        self.extents("KERNEL", conv.kernel);
+        self.extents("STRIDE", conv.stride);
+        self.extents("PADDING", conv.padding);
+        self.int("WEIGHT_ROWS", packing.rows);
+        self.int("WEIGHT_VECTORS", packing.vectors);
+        self.boolean("NORM", conv.layer.norm.is_some());
+        self.boolean("ADD", add);
+        let (activation, parameter) = match conv.activation {
+            Activation::None => (0, 0.0),
+            Activation::LeakyRelu(slope) => (1, slope),
+            Activation::Sigmoid => (2, 0.0),
+            Activation::Softplus(floor) => (3, floor),
+        };
+        for (name, code) in [("LEAKY_RELU", 1), ("SIGMOID", 2), ("SOFTPLUS", 3), ("ACTIVATION", activation)] {
+            self.unsigned(name, code);
+        }
+        self.float("ACTIVATION_PARAMETER", parameter as f64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn workgroups_are_folded_into_two_dimensions() {
+        assert_eq!(fold(1, 65535), [1, 1]);
+        assert_eq!(fold(65535, 65535), [65535, 1]);
+        assert_eq!(fold(65536, 65535), [32768, 2]);
+        for count in [0, 1, 7, 999, 1_000_003] {
+            let [x, y] = fold(count, 100_000);
+            assert!(x <= 100_000 && x as usize * y as usize >= count);
+        }
+    }
+
+    #[test]
+    fn lines_are_repeated_for_pixels_and_vectors() {
+        let block = Block { pixels: 2, vectors: 2 };
+        let text = "a_$p += b_$j; // $p\nc\n    #paste dispatch";
+        let expanded = expand(text, block);
+        let expected = "a_0 += b_0; \na_0 += b_1; \na_1 += b_0; \na_1 += b_1; \nc\n";
+        assert!(expanded.starts_with(expected), "{expanded}");
+        assert!(expanded.contains("fn invocation_index"));
+    }
+
+    #[test]
+    fn every_paste_is_in_the_table() {
+        for shader in &SHADERS {
+            let text = expand(shader.text, Block { pixels: 2, vectors: 3 });
+            assert!(!text.contains('#') && !text.contains('$'), "{}", shader.name);
+        }
+    }
+}
