@@ -4,12 +4,12 @@
 //! `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to 2⁻²¹ on [0.5, 2]
 //! and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
 
+use std::f64::consts::LN_2;
 use std::sync::Arc;
 
-use super::camera::{Tone, inverse_response};
-use super::unfold::unfolded;
-use super::view::{ScratchPool, TensorView, TensorViewMut, positions};
-use super::{box_estimate, conv_transpose3d, conv3d, features};
+use super::camera::{Camera, Tone, inverse_response};
+use super::view::{ScratchPool, TensorView, TensorViewMut};
+use super::{box_estimate, conv_transpose3d, conv3d, features, unfold};
 use crate::network::{Activation, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
 use crate::sensor::Calibration;
 
@@ -44,37 +44,37 @@ pub fn bound(
     storage: f64,
 ) -> Tensor<f64> {
     let view = |i: usize| TensorView::dense(&inputs[i]);
+    let camera = Camera { calibration, schedule };
+    let scratch = &ScratchPool::default();
     let mut error = Tensor::filled(output.shape, 0.0);
     match kernel {
         Kernel::BoxEstimate => {
-            let value = |t: usize, y: usize, x: usize| {
-                let exposure = calibration.exposure(schedule + t as i64, y, x);
-                irradiance_error(calibration, view(0).pixel(t, y, x)[0], exposure)
+            let errors = |t: usize, y: usize, line: &mut [f64]| {
+                let values = line.iter_mut().zip(view(0).line(t, y)).zip(camera.exposures(t, y));
+                for ((error, &measured), exposure) in values {
+                    *error = irradiance_error(calibration, measured, exposure);
+                }
             };
-            box_estimate::box_filter(
-                view(0),
-                TensorViewMut::dense(&mut error),
-                &ScratchPool::default(),
-                value,
-            );
+            box_estimate::box_filter(view(0), TensorViewMut::dense(&mut error), scratch, errors);
             // Weights are powers of two: 8 additions of positive numbers and a quotient.
             add(&mut error, output, |mean| (8.0 * U + QUOTIENT) * mean);
         }
         Kernel::Features { channels, block } => {
-            let value = |channel: Feature, t: usize, y: usize, x: usize| {
-                let exposure = calibration.exposure(schedule + t as i64, y, x);
-                let measured = view(0).pixel(t, y, x)[0];
-                match channel {
-                    Feature::Measurement | Feature::Saturated => 0.0,
-                    Feature::LogIrradiance => tone_error(
-                        inverse_response(calibration, measured) / exposure as f64,
-                        irradiance_error(calibration, measured, exposure),
-                    ),
-                    Feature::LogEstimate => tone_error(view(1).pixel(t, y, x)[0], 0.0),
-                    Feature::LogExposure => log_error(exposure as f64) + ULP * (exposure as f64).log2().abs(),
+            let errors = |channel: Feature, t: usize, y: usize, line: &mut [f64]| {
+                let values = view(0).line(t, y).iter().zip(camera.exposures(t, y));
+                for (x, (error, (&measured, exposure))) in line.iter_mut().zip(values).enumerate() {
+                    *error = match channel {
+                        Feature::Measurement | Feature::Saturated => 0.0,
+                        Feature::LogIrradiance => tone_error(
+                            inverse_response(calibration, measured) / exposure as f64,
+                            irradiance_error(calibration, measured, exposure),
+                        ),
+                        Feature::LogEstimate => tone_error(view(1).line(t, y)[x], 0.0),
+                        Feature::LogExposure => log_error(exposure as f64) / LN_2,
+                    };
                 }
             };
-            features::fold(channels, *block, TensorViewMut::dense(&mut error), value);
+            features::fold(channels, *block, TensorViewMut::dense(&mut error), scratch, errors);
         }
         Kernel::Conv3d(step) | Kernel::ConvTranspose3d(step) => {
             error = convolution_error(kernel, step, inputs, output, storage);
@@ -100,14 +100,13 @@ pub fn bound(
             }
         }
         Kernel::Unfold { block } => {
-            let estimates = inputs[1].data.iter().zip(&output.data);
-            for ((error, position), (&estimate, &result)) in
-                error.data.iter_mut().zip(positions(output.shape.extent())).zip(estimates)
-            {
-                let residual = unfolded(*block, view(0), position);
-                let sum = Tone::new().of(estimate) + residual.abs();
-                *error = inverse_tone_error(result, tone_error(estimate, 0.0) + U * sum);
-            }
+            unfold::unfold(*block, view(0), TensorViewMut::dense(&mut error), |t, y, line| {
+                let values = view(1).line(t, y).iter().zip(TensorView::dense(output).line(t, y));
+                for (error, (&estimate, &result)) in line.iter_mut().zip(values) {
+                    let sum = Tone::new().of(estimate) + error.abs();
+                    *error = inverse_tone_error(result, tone_error(estimate, 0.0) + U * sum);
+                }
+            });
         }
     }
     let least = smallest_normal(storage);
@@ -198,7 +197,7 @@ fn convolution_error(
             Activation::Sigmoid => (0.25 * sum + 5.0 * ULP, 1.0),
             // The error of exp adds at most e^−|v| (3 + 2|v|) ≤ 3 ULP, 1 + e half; then log, and two sums.
             Activation::Softplus(floor) => {
-                let value = magnitude + std::f64::consts::LN_2 + floor.abs() as f64;
+                let value = magnitude + LN_2 + floor.abs() as f64;
                 (sum + 3.5 * ULP + LOG_NEAR_ONE + 2.0 * U * value, value)
             }
         };
@@ -229,7 +228,7 @@ fn irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
     (U * position * slope + 3.0 * U * value + QUOTIENT * value) / exposure as f64
 }
 
-/// Error of log2 x or ln x by itself.
+/// Error of ln x by itself.
 fn log_error(x: f64) -> f64 {
     if (0.49..2.01).contains(&x) { LOG_NEAR_ONE } else { 3.0 * ULP * x.ln().abs() }
 }

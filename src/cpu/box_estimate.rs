@@ -1,77 +1,82 @@
 //! `box_estimate`: the (1 2 1)ᵀ(1 2 1)-weighted mean of irradiance over the 3×3 neighbours.
 
-use super::camera::inverse_response;
+use super::camera::Camera;
 use super::{Real, ScratchPool, TensorView, TensorViewMut};
 use crate::network::SATURATED;
-use crate::sensor::Calibration;
 
-/// Rows that one task computes: the two rows beside them are computed twice.
+/// Rows that one task computes; it reads the two rows beside them too.
 const ROWS: usize = 16;
 
-/// Irradiance is R⁻¹(y)/e of each measured value y.
+/// The mean of R⁻¹(y)/e of the measured values y.
 pub fn run<R: Real>(
     measurement: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,
-    calibration: &Calibration,
-    schedule: i64,
+    camera: Camera<'_>,
     scratch: &ScratchPool<R>,
 ) {
-    box_filter(measurement, output, scratch, |t, y, x| {
-        let exposure = R::from_f32(calibration.exposure(schedule + t as i64, y, x));
-        inverse_response(calibration, measurement.pixel(t, y, x)[0]) / exposure
+    box_filter(measurement, output, scratch, |t, y, line| {
+        camera.irradiance(t, y, measurement.line(t, y), line);
     });
 }
 
-/// The weighted mean of `value` over the 3×3 neighbours, borders mirrored, saturated pixels left out unless all
-/// nine are.
+/// The weighted mean over the 3×3 neighbours, borders mirrored, saturated pixels left out unless all nine are.
+/// `values` writes the values along row y of frame t.
 pub(super) fn box_filter<R: Real>(
     measurement: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,
     scratch: &ScratchPool<R>,
-    value: impl Fn(usize, usize, usize) -> R + Sync,
+    values: impl Fn(usize, usize, &mut [R]) + Sync,
 ) {
     let [_, height, width] = output.shape.extent();
     let saturated = R::from_f64(SATURATED);
     let (two, sixteen) = (R::from_f64(2.0), R::from_f64(16.0));
-    let weights = [R::ONE, two, R::ONE];
+    // A line has the mirrored pixels at its ends. There are three for each row.
+    let line = width + 2;
     output.for_each_rows(ROWS, |mut rows| {
         scratch.with(|scratch| {
-            let (t, first) = (rows.t, rows.y);
-            // All values of the rows first … last, and of the rows beside them.
-            let last = first + rows.len() - 1;
-            let top = first.saturating_sub(1);
-            let bottom = (last + 1).min(height - 1);
-            let values = &mut scratch.gathered;
-            values.clear();
-            values.extend(
-                (top..=bottom).flat_map(|y| (0..width).map(move |x| (y, x))).map(|(y, x)| value(t, y, x)),
-            );
+            let lines = &mut scratch.gathered;
+            lines.clear();
+            lines.resize((rows.len() + 2) * 3 * line, R::ZERO);
+            for (row, lines) in lines.chunks_exact_mut(3 * line).enumerate() {
+                // Values that are left out are 0 in the first line and in their weights, the second line.
+                let (used, lines) = lines.split_at_mut(line);
+                let (weights, all) = lines.split_at_mut(line);
+                let y = mirrored((rows.y + row) as isize - 1, height);
+                values(rows.t, y, &mut all[1..=width]);
+                let used_weights = used[1..].iter_mut().zip(&mut weights[1..]);
+                for (((used, weight), &value), &measured) in
+                    used_weights.zip(&all[1..]).zip(measurement.line(rows.t, y))
+                {
+                    *weight = if measured < saturated { R::ONE } else { R::ZERO };
+                    *used = if measured < saturated { value } else { R::ZERO };
+                }
+                for line in [used, weights, all] {
+                    line[0] = line[1 + mirrored(-1, width)];
+                    line[width + 1] = line[1 + mirrored(width as isize, width)];
+                }
+            }
+            let sums = &mut scratch.sums;
+            sums.resize(3 * line, R::ZERO);
             for row in 0..rows.len() {
-                for x in 0..width {
-                    let (mut sum, mut weight) = (R::ZERO, R::ZERO);
-                    let mut sum_all = R::ZERO;
-                    for (y, weight_y) in neighbours(first + row, height).into_iter().zip(weights) {
-                        let measured = measurement.from(t, y, 0);
-                        for (x, weight_x) in neighbours(x, width).into_iter().zip(weights) {
-                            let w = weight_y * weight_x;
-                            let weighted = w * values[(y - top) * width + x];
-                            sum_all += weighted;
-                            if measured[x * measurement.stride] < saturated {
-                                sum += weighted;
-                                weight += w;
-                            }
-                        }
-                    }
-                    rows.pixel(row, x)[0] = if weight > R::ZERO { sum / weight } else { sum_all / sixteen };
+                let [above, here, below] =
+                    [0, 1, 2].map(|i| lines[(row + i) * 3 * line..][..3 * line].iter());
+                for (((sum, &above), &here), &below) in sums.iter_mut().zip(above).zip(here).zip(below) {
+                    *sum = above + two * here + below;
+                }
+                let [used, weights, all] = [0, 1, 2].map(|i| &sums[i * line..][..line]);
+                for (x, result) in rows.line(row).iter_mut().enumerate() {
+                    let sum = |line: &[R]| line[x] + two * line[x + 1] + line[x + 2];
+                    let weight = sum(weights);
+                    *result = if weight > R::ZERO { sum(used) / weight } else { sum(all) / sixteen };
                 }
             }
         });
     });
 }
 
-/// i − 1, i and i + 1, mirrored at the borders: −1 → 1 and n → n − 2; a size of 1 repeats.
-fn neighbours(i: usize, n: usize) -> [usize; 3] {
-    let before = if i > 0 { i - 1 } else { 1.min(n - 1) };
-    let behind = if i + 1 < n { i + 1 } else { n.saturating_sub(2) };
-    [before, i, behind]
+/// Index i of n mirrored at the borders: −1 → 1 and n → n − 2; a size of 1 repeats.
+fn mirrored(i: isize, n: usize) -> usize {
+    let last = n as isize - 1;
+    let inside = if i > last { 2 * last - i } else { i.abs() };
+    inside.clamp(0, last) as usize
 }

@@ -4,6 +4,30 @@ use super::Real;
 use crate::network::MU;
 use crate::sensor::Calibration;
 
+/// The camera at the time of a window.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera<'a> {
+    /// Its tables.
+    pub calibration: &'a Calibration,
+    /// Schedule time of the window's first frame.
+    pub schedule: i64,
+}
+
+impl Camera<'_> {
+    /// Exposures along row y of frame t of the window, for ever.
+    pub fn exposures(&self, t: usize, y: usize) -> impl Iterator<Item = f32> {
+        self.calibration.row(self.schedule.wrapping_add(t as i64), y).iter().copied().cycle()
+    }
+
+    /// Irradiance R⁻¹(y)/e along row y of frame t, of what was `measured` there.
+    pub fn irradiance<R: Real>(&self, t: usize, y: usize, measured: &[R], irradiance: &mut [R]) {
+        let values = irradiance.iter_mut().zip(measured).zip(self.exposures(t, y));
+        for ((irradiance, &measured), exposure) in values {
+            *irradiance = inverse_response(self.calibration, measured) / R::from_f32(exposure);
+        }
+    }
+}
+
 /// R⁻¹(y) in p·frames: linear between the table's nodes; the first node below 0, the last one from 1 on.
 pub fn inverse_response<R: Real>(calibration: &Calibration, y: R) -> R {
     let table = &calibration.inverse_response;

@@ -1,50 +1,71 @@
 //! `features`: the channels that a net sees of each pixel, with blocks of pixels folded into channels.
 
-use super::camera::{Tone, inverse_response};
-use super::{Real, TensorView, TensorViewMut};
+use super::camera::{Camera, Tone};
+use super::view::positions;
+use super::{Real, ScratchPool, TensorView, TensorViewMut};
 use crate::network::{Block, Feature, SATURATED};
-use crate::sensor::Calibration;
 
-/// Fills all channels of all blocks.
+/// Fills all channels of all blocks, from the measurement and the estimate.
 pub fn run<R: Real>(
     channels: &[Feature],
     block: Block,
-    measurement: TensorView<'_, R>,
-    estimate: TensorView<'_, R>,
+    [measurement, estimate]: [TensorView<'_, R>; 2],
     output: TensorViewMut<'_, R>,
-    calibration: &Calibration,
-    schedule: i64,
+    camera: Camera<'_>,
+    scratch: &ScratchPool<R>,
 ) {
     let tone = Tone::new();
     let saturated = R::from_f64(SATURATED);
-    fold(channels, block, output, |channel, t, y, x| {
-        let measured = measurement.pixel(t, y, x)[0];
-        let exposure = || R::from_f32(calibration.exposure(schedule + t as i64, y, x));
+    fold(channels, block, output, scratch, |channel, t, y, line| {
+        let measured = measurement.line(t, y);
         match channel {
-            Feature::Measurement => measured,
-            Feature::LogIrradiance => tone.of(inverse_response(calibration, measured) / exposure()),
-            Feature::LogEstimate => tone.of(estimate.pixel(t, y, x)[0]),
-            Feature::Saturated if measured < saturated => R::ZERO,
-            Feature::Saturated => R::ONE,
-            Feature::LogExposure => exposure().log2(),
+            Feature::Measurement => line.copy_from_slice(measured),
+            Feature::LogIrradiance => {
+                camera.irradiance(t, y, measured, line);
+                line.iter_mut().for_each(|value| *value = tone.of(*value));
+            }
+            Feature::LogEstimate => {
+                line.iter_mut().zip(estimate.line(t, y)).for_each(|(value, &p)| *value = tone.of(p));
+            }
+            Feature::Saturated => {
+                for (value, &measured) in line.iter_mut().zip(measured) {
+                    *value = if measured < saturated { R::ZERO } else { R::ONE };
+                }
+            }
+            Feature::LogExposure => {
+                let exposures = camera.exposures(t, y);
+                line.iter_mut().zip(exposures).for_each(|(value, e)| *value = R::from_f32(e).log2());
+            }
         }
     });
 }
 
-/// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block; `value` gives it for a
-/// channel and t, y, x.
+/// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block. `values` writes a channel
+/// along row y of frame t.
 pub(super) fn fold<R: Real>(
     channels: &[Feature],
     [bt, by, bx]: Block,
     output: TensorViewMut<'_, R>,
-    value: impl Fn(Feature, usize, usize, usize) -> R + Sync,
+    scratch: &ScratchPool<R>,
+    values: impl Fn(Feature, usize, usize, &mut [R]) + Sync,
 ) {
-    output.for_each_pixel(|t, y, x, result| {
-        for (in_block, result) in result.chunks_exact_mut(channels.len()).enumerate() {
-            let (dt, dy, dx) = (in_block / (by * bx), in_block / bx % by, in_block % bx);
-            for (&channel, result) in channels.iter().zip(result) {
-                *result = value(channel, t * bt + dt, y * by + dy, x * bx + dx);
+    let n = channels.len();
+    let width = output.shape.x * bx;
+    output.for_each_rows(2, |mut rows| {
+        scratch.with(|scratch| {
+            let line = &mut scratch.gathered;
+            line.resize(width, R::ZERO);
+            for [row, dt, dy] in positions([rows.len(), bt, by]) {
+                for (i, &channel) in channels.iter().enumerate() {
+                    values(channel, rows.t * bt + dt, (rows.y + row) * by + dy, &mut line[..width]);
+                    let first = (dt * by + dy) * bx * n + i;
+                    for (result, values) in rows.row(row).zip(line.chunks_exact(bx)) {
+                        for (result, &value) in result[first..].iter_mut().step_by(n).zip(values) {
+                            *result = value;
+                        }
+                    }
+                }
             }
-        }
+        });
     });
 }

@@ -9,6 +9,7 @@ mod camera;
 mod conv3d;
 mod conv_transpose3d;
 mod convolution;
+mod elementary;
 mod executor;
 mod features;
 mod fuse;
@@ -23,6 +24,7 @@ pub use real::Real;
 
 use crate::network::{Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
+use camera::Camera;
 use convolution::Packed;
 use view::{ScratchPool, TensorView, TensorViewMut};
 
@@ -65,11 +67,12 @@ impl<R: Real> Call<'_, R> {
     /// Runs the kernel on the step's inputs, which `input` gives by number.
     fn run<'t>(&self, input: impl Fn(usize) -> Option<TensorView<'t, R>>, output: TensorViewMut<'_, R>) {
         let Self { kernel, packed, calibration, schedule, scratch } = *self;
+        let camera = Camera { calibration, schedule };
         let wanted = |i: usize| input(i).expect("a plan gives every kernel its inputs");
         match kernel {
-            Kernel::BoxEstimate => box_estimate::run(wanted(0), output, calibration, schedule, scratch),
+            Kernel::BoxEstimate => box_estimate::run(wanted(0), output, camera, scratch),
             Kernel::Features { channels, block } => {
-                features::run(channels, *block, wanted(0), wanted(1), output, calibration, schedule);
+                features::run(channels, *block, [wanted(0), wanted(1)], output, camera, scratch);
             }
             Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => {
                 let packed = packed.as_ref().expect("convolutions are packed");

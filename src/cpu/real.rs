@@ -4,6 +4,7 @@ use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
+use super::elementary;
 use super::gemm::Gemm;
 
 /// A floating-point type that every kernel runs on: `f32`, the fallback, or `f64`, the oracle.
@@ -39,7 +40,7 @@ pub trait Real:
     fn to_f32(self) -> f32;
     /// Exactly this value.
     fn to_f64(self) -> f64;
-    /// The whole part as an index; 0 for negative values and NaN.
+    /// The whole part as an index, up to 2³² − 1; 0 for negative values and NaN.
     fn to_index(self) -> usize;
     /// |v|.
     #[must_use]
@@ -47,10 +48,10 @@ pub trait Real:
     /// eᵛ.
     #[must_use]
     fn exp(self) -> Self;
-    /// eᵛ − 1.
+    /// eᵛ − 1 for |v| ≤ 87.
     #[must_use]
     fn exp_m1(self) -> Self;
-    /// ln(1 + v).
+    /// ln(1 + v) for finite v ≥ 0.
     #[must_use]
     fn ln_1p(self) -> Self;
     /// log2 v.
@@ -71,7 +72,7 @@ pub trait Real:
 }
 
 macro_rules! implement_real {
-    ($real:ident) => {
+    ($real:ident, $exp_m1:path, $ln_1p:path) => {
         impl Real for $real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -90,7 +91,7 @@ macro_rules! implement_real {
                 self as f64
             }
             fn to_index(self) -> usize {
-                self as usize
+                self as u32 as usize
             }
             fn abs(self) -> Self {
                 self.abs()
@@ -99,10 +100,10 @@ macro_rules! implement_real {
                 self.exp()
             }
             fn exp_m1(self) -> Self {
-                self.exp_m1()
+                $exp_m1(self)
             }
             fn ln_1p(self) -> Self {
-                self.ln_1p()
+                $ln_1p(self)
             }
             fn log2(self) -> Self {
                 self.log2()
@@ -111,5 +112,5 @@ macro_rules! implement_real {
     };
 }
 
-implement_real!(f32);
-implement_real!(f64);
+implement_real!(f32, elementary::exp_m1, elementary::ln_1p);
+implement_real!(f64, f64::exp_m1, f64::ln_1p);

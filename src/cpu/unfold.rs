@@ -12,14 +12,31 @@ pub fn run<R: Real>(
     output: TensorViewMut<'_, R>,
 ) {
     let tone = Tone::new();
-    output.for_each_pixel(|t, y, x, result| {
-        let value = tone.of(estimate.pixel(t, y, x)[0]) + unfolded(block, residual, [t, y, x]);
-        result[0] = tone.inverse(value.at_least(R::ZERO).at_most(R::ONE));
+    unfold(block, residual, output, |t, y, line| {
+        for (result, &estimate) in line.iter_mut().zip(estimate.line(t, y)) {
+            let value = tone.of(estimate) + *result;
+            *result = tone.inverse(value.at_least(R::ZERO).at_most(R::ONE));
+        }
     });
 }
 
-/// The value of pixel (t, y, x): channel (dt·by + dy)·bx + dx of its block.
-pub(super) fn unfolded<R: Real>([bt, by, bx]: Block, blocks: TensorView<'_, R>, [t, y, x]: [usize; 3]) -> R {
-    let channel = (t % bt * by + y % by) * bx + x % bx;
-    blocks.pixel(t / bt, y / by, x / bx)[channel]
+/// Pixel (dt, dy, dx) of a block is channel (dt·by + dy)·bx + dx. `finish` turns the values along row y of frame t
+/// into results.
+pub(super) fn unfold<R: Real>(
+    [bt, by, bx]: Block,
+    blocks: TensorView<'_, R>,
+    output: TensorViewMut<'_, R>,
+    finish: impl Fn(usize, usize, &mut [R]) + Sync,
+) {
+    output.for_each_rows(by, |mut rows| {
+        for row in 0..rows.len() {
+            let (t, y) = (rows.t, rows.y + row);
+            let first = (t % bt * by + y % by) * bx;
+            let line = rows.line(row);
+            for (pixels, channels) in line.chunks_exact_mut(bx).zip(blocks.row(t / bt, y / by)) {
+                pixels.copy_from_slice(&channels[first..first + bx]);
+            }
+            finish(t, y, line);
+        }
+    });
 }

@@ -65,6 +65,18 @@ impl<'a, R: Copy> TensorView<'a, R> {
         &self.from(t, y, x)[..self.shape.c]
     }
 
+    /// Pixels of row y of frame t.
+    pub fn row(&self, t: usize, y: usize) -> impl Iterator<Item = &'a [R]> + use<'a, R> {
+        let channels = self.shape.c;
+        self.from(t, y, 0).chunks(self.stride).take(self.shape.x).map(move |pixel| &pixel[..channels])
+    }
+
+    /// Values of row y of frame t of a tensor of one value a pixel.
+    pub fn line(&self, t: usize, y: usize) -> &'a [R] {
+        debug_assert_eq!(self.stride, 1, "tensors of one value a pixel are dense");
+        &self.from(t, y, 0)[..self.shape.x]
+    }
+
     /// All pixels in order.
     pub fn pixels(&self) -> impl Iterator<Item = &'a [R]> + use<'a, R> {
         let channels = self.shape.c;
@@ -118,6 +130,19 @@ impl<R> Rows<'_, R> {
     /// Channels of pixel `x` of row `row`, counted from the first row of these.
     pub fn pixel(&mut self, row: usize, x: usize) -> &mut [R] {
         &mut self.values[(row * self.shape.x + x) * self.stride..][..self.shape.c]
+    }
+
+    /// Pixels of row `row`, counted from the first row of these.
+    pub fn row(&mut self, row: usize) -> impl Iterator<Item = &mut [R]> {
+        let (width, channels) = (self.shape.x, self.shape.c);
+        let values = &mut self.values[row * width * self.stride..];
+        values.chunks_mut(self.stride).take(width).map(move |pixel| &mut pixel[..channels])
+    }
+
+    /// Values of row `row`, counted from the first row of these, of a tensor of one value a pixel.
+    pub fn line(&mut self, row: usize) -> &mut [R] {
+        debug_assert_eq!(self.stride, 1, "tensors of one value a pixel are dense");
+        &mut self.values[row * self.shape.x..][..self.shape.x]
     }
 
     /// All pixels in order.

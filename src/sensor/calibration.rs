@@ -41,8 +41,13 @@ impl Calibration {
 
     /// Exposure in frames of the read-out that covers schedule time `t` at row `y`, column `x`.
     pub fn exposure(&self, t: i64, y: usize, x: usize) -> f32 {
+        self.row(t, y)[x % self.cols]
+    }
+
+    /// Exposures along row `y` at schedule time `t`, for one tile of the pattern.
+    pub fn row(&self, t: i64, y: usize) -> &[f32] {
         let t = t.rem_euclid(self.period as i64) as usize;
-        self.exposures[(t * self.rows + y % self.rows) * self.cols + x % self.cols]
+        &self.exposures[(t * self.rows + y % self.rows) * self.cols..][..self.cols]
     }
 
     /// R⁻¹(y) in p·frames.
