@@ -42,22 +42,29 @@ pub fn inverse_response<R: Real>(calibration: &Calibration, y: R) -> R {
 #[derive(Clone, Copy, Debug)]
 pub struct Tone<R> {
     mu: R,
+    mu_recip: R,
     ln_1p_mu: R,
+    ln_1p_mu_recip: R,
 }
 
 impl<R: Real> Tone<R> {
     /// The curve for µ = 5000.
     pub fn new() -> Self {
-        Self { mu: R::from_f64(MU), ln_1p_mu: R::from_f64(MU.ln_1p()) }
+        Self {
+            mu: R::from_f64(MU),
+            mu_recip: R::from_f64(MU.recip()),
+            ln_1p_mu: R::from_f64(MU.ln_1p()),
+            ln_1p_mu_recip: R::from_f64(MU.ln_1p().recip()),
+        }
     }
 
     /// l(p).
     pub fn of(&self, p: R) -> R {
-        (self.mu * p).ln_1p() / self.ln_1p_mu
+        (self.mu * p).ln_1p() * self.ln_1p_mu_recip
     }
 
     /// l⁻¹(v).
     pub fn inverse(&self, v: R) -> R {
-        (v * self.ln_1p_mu).exp_m1() / self.mu
+        (v * self.ln_1p_mu).exp_m1() * self.mu_recip
     }
 }

@@ -18,7 +18,7 @@ const BLOCK: usize = 192;
 const BLOCK_COLUMNS: usize = 64;
 
 /// Values of a pixel that are multiplied in one go: that many rows of a panel should stay in the first-level cache.
-const DEPTH: usize = 384;
+const DEPTH: usize = 256;
 
 /// Which inputs the results along one axis depend on. Results at positions o ≡ i (mod n) are of phase i, where n
 /// is the number of phases.
@@ -128,7 +128,9 @@ impl<R: Real> Packed<R> {
         let width = output.shape.x;
         // Blocks of nearly equal width.
         let columns = width.div_ceil(width.div_ceil(BLOCK_COLUMNS).max(1)).max(1);
-        let rows = (BLOCK / columns).clamp(1, output.shape.y.max(1));
+        // Small tensors are split further, so that all threads have work to the end.
+        let share = (output.shape.t * output.shape.y).div_ceil(8 * rayon::current_num_threads());
+        let rows = (BLOCK / columns).min(share).max(1);
         output.for_each_rows(rows, |mut rows| {
             scratch.with(|scratch| {
                 for x in (0..width).step_by(columns) {
@@ -310,6 +312,8 @@ fn gather<R: Real>(input: TensorView<'_, R>, [t, y, x]: [(isize, isize); 3], gat
             let pixels = input.from(t as usize, y as usize, inside as usize);
             if input.stride == channels {
                 gathered.extend_from_slice(&pixels[..len((inside, outside)) * channels]);
+            } else if channels == 1 {
+                gathered.extend(pixels.iter().step_by(input.stride).take(len((inside, outside))));
             } else {
                 for pixel in pixels.chunks(input.stride).take(len((inside, outside))) {
                     gathered.extend_from_slice(&pixel[..channels]);
