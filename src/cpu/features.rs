@@ -22,10 +22,14 @@ pub fn run<R: Real>(
             Feature::Measurement => line.copy_from_slice(measured),
             Feature::LogIrradiance => {
                 camera.irradiance(t, y, measured, line);
-                line.iter_mut().for_each(|value| *value = tone.of(*value));
+                for value in line {
+                    *value = tone.of(*value);
+                }
             }
             Feature::LogEstimate => {
-                line.iter_mut().zip(estimate.line(t, y)).for_each(|(value, &p)| *value = tone.of(p));
+                for (value, &p) in line.iter_mut().zip(estimate.line(t, y)) {
+                    *value = tone.of(p);
+                }
             }
             Feature::Saturated => {
                 for (value, &measured) in line.iter_mut().zip(measured) {
@@ -33,8 +37,9 @@ pub fn run<R: Real>(
                 }
             }
             Feature::LogExposure => {
-                let exposures = camera.exposures(t, y);
-                line.iter_mut().zip(exposures).for_each(|(value, e)| *value = R::from_f32(e).log2());
+                for (value, exposure) in line.iter_mut().zip(camera.exposures(t, y)) {
+                    *value = R::from_f32(exposure).log2();
+                }
             }
         }
     });

@@ -148,7 +148,7 @@ impl Plan {
     pub fn lower_unaligned(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let shapes = graph.shapes(height, width)?;
-        let (places, mut buffers) = place(graph, &shapes)?;
+        let (places, mut buffers) = place(graph, &shapes);
         let slots = assign_slots(&mut buffers);
         let view = |name: &str| {
             let place = places[name];
@@ -164,7 +164,7 @@ impl Plan {
             .iter()
             .flat_map(|node| {
                 if matches!(node.op, Op::Concat) {
-                    return copies(node, view(&node.name), &view);
+                    return copies(node, view(&node.name), view);
                 }
                 let mut inputs: Vec<View> = node.inputs.iter().map(|name| view(name)).collect();
                 let output = view(&node.name);
@@ -297,10 +297,7 @@ fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> 
 }
 
 /// Gives every tensor a buffer, and every buffer its lifetime in steps.
-fn place<'a>(
-    graph: &'a Graph,
-    shapes: &HashMap<&str, Shape>,
-) -> Result<(HashMap<&'a str, Place>, Vec<Buffer>), NetworkError> {
+fn place<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> (HashMap<&'a str, Place>, Vec<Buffer>) {
     let part_of = parts(graph, shapes);
     let mut buffers: Vec<Buffer> = Vec::new();
     let mut places: HashMap<&str, Place> = HashMap::new();
@@ -333,7 +330,7 @@ fn place<'a>(
         places.insert(&node.name, place);
     }
     buffers[places[graph.output.as_str()].buffer].last = usize::MAX;
-    Ok((places, buffers))
+    (places, buffers)
 }
 
 /// Sizes of the slots, and the slot of each buffer.
