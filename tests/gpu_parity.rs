@@ -37,7 +37,8 @@ const SIZES: [[usize; 3]; 8] =
 fn box_estimate_and_features() {
     let mut sizes = SIZES.to_vec();
     sizes.extend([[1, 2, 2], [9, 11, 13]]);
-    for ([t, y, x], schedule) in sizes.into_iter().zip([0, 1, 7, -3, 1_000_003, i64::MIN, i64::MAX, 5, 6, 2]) {
+    for ([t, y, x], schedule) in sizes.into_iter().zip([0, 1, 7, -3, 1_000_003, i64::MIN, i64::MAX, 5, 6, 2])
+    {
         for channels in [1, 2, 3, 5, 11, 16] {
             let plan = plan(&graph(t, channels, "", "features"), y, x);
             let what = format!("features {t}×{y}×{x}, {channels} channels");
@@ -111,7 +112,11 @@ fn conv3d_of_all_kernels_and_strides() {
         for stride in [[1, 1, 1], [2, 2, 2], [1, 2, 3], [4, 1, 2]] {
             let nodes = convolution("conv3d", 5, kernel, stride, PLAIN);
             let what = format!("conv3d {kernel:?} stride {stride:?}");
-            assert_within_bounds(&what, &compare(plan(&graph(5, 3, &nodes, "result"), 9, 13), 0), &["conv3d"]);
+            assert_within_bounds(
+                &what,
+                &compare(plan(&graph(5, 3, &nodes, "result"), 9, 13), 0),
+                &["conv3d"],
+            );
         }
     }
 }
@@ -296,8 +301,7 @@ fn broken_shaders_are_caught() {
             edited.set(edited.get() || broken != text);
             broken
         };
-        let mut executor =
-            GpuExecutor::with_edited_shaders(gpu(), plan, &calibration(), edit).unwrap();
+        let mut executor = GpuExecutor::with_edited_shaders(gpu(), plan, &calibration(), edit).unwrap();
         assert!(edited.get(), "{kernel} has no '{correct}' to break");
         let fraction = fractions(&mut executor, &measurement, 0)[kernel];
         println!("{kernel} with '{wrong}': {fraction:.1} times its bound");

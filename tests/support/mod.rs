@@ -50,8 +50,7 @@ pub fn plan(graph: &str, height: usize, width: usize) -> Plan {
 /// A graph of `nodes` behind an estimate and `channels` feature channels a pixel, for windows of `frames` frames.
 pub fn graph(frames: usize, channels: usize, nodes: &str, output: &str) -> String {
     let names = ["log_irradiance", "log_estimate", "measurement", "saturated", "log_exposure"];
-    let features: Vec<String> =
-        (0..channels).map(|i| format!("\"{}\"", names[i % names.len()])).collect();
+    let features: Vec<String> = (0..channels).map(|i| format!("\"{}\"", names[i % names.len()])).collect();
     format!(
         r#"{{"version": 1, "name": "test", "pattern": "any",
         "window": {{"frames": {frames}, "lead": 0, "hop": {frames}}}, "nodes": [
@@ -86,8 +85,7 @@ pub fn fractions(executor: &mut GpuExecutor, measurement: &[f32], schedule: i64)
     let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
         let exact = cpu::evaluate(&step.kernel, &inputs, output.shape, &calibration, schedule);
-        let bound =
-            cpu::bound::bound(&step.kernel, &inputs, &exact, &calibration, schedule, cpu::bound::F32);
+        let bound = cpu::bound::bound(&step.kernel, &inputs, &exact, &calibration, schedule, cpu::bound::F32);
         let fraction = cpu::bound::largest_fraction(output, &exact, &bound);
         let largest = fractions.entry(kernel_name(&step.kernel)).or_insert(0.0);
         *largest = fraction.max(*largest);
