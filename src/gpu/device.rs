@@ -79,6 +79,11 @@ impl Gpu {
         self.adapter.max_binding_bytes.min(self.adapter.max_buffer_bytes)
     }
 
+    /// Gives the device up. Whatever still uses it fails with [`GpuError::Lost`].
+    pub fn destroy(&self) {
+        self.device.destroy();
+    }
+
     /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
     /// fails after it.
     pub fn check(&self) -> Result<(), GpuError> {
@@ -173,6 +178,10 @@ impl Gpu {
     /// Waits until `submission` is done.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
         let waited = self.device.poll(PollType::Wait { submission_index: Some(submission), timeout: None });
+        if waited.is_err() {
+            // A loss is reported while polling.
+            let _ = self.device.poll(PollType::Poll);
+        }
         self.check()?;
         waited.map(drop).map_err(|error| GpuError::Failed(error.to_string()))
     }

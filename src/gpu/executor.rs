@@ -75,7 +75,7 @@ impl GpuExecutor {
     pub const IN_FLIGHT: usize = 2;
 
     /// Prepares to run `plan` on what the calibrated camera measured.
-    pub fn new(gpu: &Gpu, plan: Plan, calibration: Calibration) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, plan: Plan, calibration: &Calibration) -> Result<Self, GpuError> {
         Self::with_overrides(gpu, plan, calibration, &Overrides::default())
     }
 
@@ -83,7 +83,7 @@ impl GpuExecutor {
     pub fn with_overrides(
         gpu: &Gpu,
         plan: Plan,
-        calibration: Calibration,
+        calibration: &Calibration,
         overrides: &Overrides<'_>,
     ) -> Result<Self, GpuError> {
         // Padding is read from zeros behind each slot's values, which nothing writes.
@@ -103,7 +103,7 @@ impl GpuExecutor {
             gpu,
             plan: &plan,
             slots: &slots,
-            calibration: &calibration,
+            calibration,
             target: Target {
                 max_workgroups: gpu.device.limits().max_compute_workgroups_per_dimension,
                 software: gpu.adapter().is_software(),
