@@ -52,11 +52,10 @@ fn conv_transpose3d(
             let row = INPUT_OFFSET + (in_t * INPUT_Y + in_y) * INPUT_X * INPUT_STRIDE;
             for (var tap_x = (phase_x + PADDING_X) % STRIDE_X; tap_x < KERNEL_X; tap_x += STRIDE_X) {
                 // Pixels of the padding are read from zeros behind the slot.
-                let in_x_$p = x + $p + (phase_x + PADDING_X - tap_x) / STRIDE_X;
-                let inside_$p = in_x_$p >= 0 && in_x_$p < INPUT_X;
-                let pixel_$p = select(INPUT_ZEROS, row + in_x_$p * INPUT_STRIDE, inside_$p);
-                let tap = (tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x;
-                var weight = tap * WEIGHT_ROWS * WEIGHT_VECTORS + group;
+                let in_x_$q = x + $q + (phase_x + PADDING_X - tap_x) / STRIDE_X;
+                let inside_$q = in_x_$q >= 0 && in_x_$q < INPUT_X;
+                let pixel_$q = select(INPUT_ZEROS, row + in_x_$q * INPUT_STRIDE, inside_$q);
+                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group;
                 for (var vector = 0; vector < INPUT_VECTORS; vector++) {
                     #paste products
                 }

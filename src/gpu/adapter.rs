@@ -1,5 +1,7 @@
 //! Which GPUs there are, and which one to take.
 
+use std::fmt;
+
 use serde::Serialize;
 use wgpu::{Backends, DeviceType, Features};
 
@@ -73,6 +75,33 @@ impl Adapter {
     fn matches(&self, substring: &str) -> bool {
         let text = format!("{} {} {} {}", self.backend, self.device_type, self.name, self.driver);
         text.to_lowercase().contains(&substring.to_lowercase())
+    }
+}
+
+impl fmt::Display for Adapter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const MIB: u64 = 1 << 20;
+        let Self { name, backend, device_type, driver, subgroup_sizes: [smallest, largest], .. } = self;
+        write!(f, "{backend}: {name} ({device_type}, {driver})")?;
+        write!(
+            f,
+            "; buffers to {} MiB, bindings to {} MiB",
+            self.max_buffer_bytes / MIB,
+            self.max_binding_bytes / MIB
+        )?;
+        write!(f, "; subgroups of {smallest}")?;
+        if smallest != largest {
+            write!(f, " to {largest}")?;
+        }
+        let features = [
+            (self.shader_f16, "f16"),
+            (self.timestamps, "timestamps"),
+            (self.subgroups, "subgroup operations"),
+        ];
+        for (_, feature) in features.iter().filter(|(there, _)| *there) {
+            write!(f, ", {feature}")?;
+        }
+        Ok(())
     }
 }
 
@@ -165,11 +194,8 @@ mod tests {
 
     #[test]
     fn a_real_gpu_comes_first() {
-        let adapters = [
-            adapter("llvmpipe", "software"),
-            adapter("Small", "integrated"),
-            adapter("Large", "discrete"),
-        ];
+        let adapters =
+            [adapter("llvmpipe", "software"), adapter("Small", "integrated"), adapter("Large", "discrete")];
         assert_eq!(pick((None, false), &adapters), Ok(2));
         assert_eq!(pick((None, true), &adapters), Ok(2));
         assert_eq!(pick((Some("SMALL"), false), &adapters), Ok(1));

@@ -6,6 +6,9 @@ use wgpu::{BufferUsages, ErrorFilter, PollType};
 
 use super::{Adapter, AdapterChoice, GpuError};
 
+/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`kernels::zeros_len`).
+const MAX_ZEROS: u64 = 1 << 16;
+
 /// An open GPU. Cheap to clone; the clones share device and queue.
 #[derive(Clone, Debug)]
 pub struct Gpu {
@@ -61,9 +64,24 @@ impl Gpu {
         &self.adapter
     }
 
-    /// Bytes of the largest buffer that a kernel can use.
+    /// Name of the adapter, with its backend.
+    pub fn name(&self) -> String {
+        format!("{}: {}", self.adapter.backend, self.adapter.name)
+    }
+
+    /// Bytes of the largest slot that a plan may have here.
     pub fn largest_binding(&self) -> u64 {
+        self.max_binding().saturating_sub(MAX_ZEROS)
+    }
+
+    /// Bytes of the largest buffer that a kernel can use.
+    fn max_binding(&self) -> u64 {
         self.adapter.max_binding_bytes.min(self.adapter.max_buffer_bytes)
+    }
+
+    /// Gives the device up. Whatever still uses it fails with [`GpuError::Lost`].
+    pub fn destroy(&self) {
+        self.device.destroy();
     }
 
     /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
@@ -77,11 +95,16 @@ impl Gpu {
     }
 
     /// A buffer of `bytes` bytes, zero at first, that a kernel or a transfer can use for `usage`.
-    pub(super) fn buffer(&self, what: &str, bytes: u64, usage: BufferUsages) -> Result<wgpu::Buffer, GpuError> {
+    pub(super) fn buffer(
+        &self,
+        what: &str,
+        bytes: u64,
+        usage: BufferUsages,
+    ) -> Result<wgpu::Buffer, GpuError> {
         self.check()?;
         let limits = self.device.limits();
         let kernels = BufferUsages::STORAGE | BufferUsages::UNIFORM;
-        let limit = if usage.intersects(kernels) { self.largest_binding() } else { limits.max_buffer_size };
+        let limit = if usage.intersects(kernels) { self.max_binding() } else { limits.max_buffer_size };
         if bytes > limit {
             return Err(GpuError::TooLarge { what: what.to_owned(), bytes, limit });
         }
@@ -155,6 +178,10 @@ impl Gpu {
     /// Waits until `submission` is done.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
         let waited = self.device.poll(PollType::Wait { submission_index: Some(submission), timeout: None });
+        if waited.is_err() {
+            // A loss is reported while polling.
+            let _ = self.device.poll(PollType::Poll);
+        }
         self.check()?;
         waited.map(drop).map_err(|error| GpuError::Failed(error.to_string()))
     }

@@ -5,7 +5,7 @@ use std::sync::mpsc::{self, Receiver};
 
 use wgpu::{BufferUsages, MapMode};
 
-use super::kernels::{Call, Grid, Resource, zeros_begin, zeros_len};
+use super::kernels::{Call, Resource, Target, zeros_begin, zeros_len};
 use super::{Gpu, GpuError};
 use crate::network::{Executor, Plan, Step, Tensor, View};
 use crate::sensor::Calibration;
@@ -33,6 +33,18 @@ pub struct GpuExecutor {
     /// Buffers for results that nobody waits for.
     free: Vec<wgpu::Buffer>,
     in_flight: VecDeque<InFlight>,
+}
+
+/// Changes the specialised text of a step's shader.
+pub type Edit<'a> = &'a dyn Fn(&Step, &str) -> String;
+
+/// Choices that tests and measurements make in place of the executor.
+#[derive(Clone, Copy, Default)]
+pub struct Overrides<'a> {
+    /// Pixels along x, and vectors of four output channels, that one invocation of a convolution computes.
+    pub block: Option<[usize; 2]>,
+    /// What is compiled instead of a step's specialised shader, such as a shader that is broken on purpose.
+    pub edit: Option<Edit<'a>>,
 }
 
 /// A step with all that recording it needs.
@@ -64,16 +76,15 @@ impl GpuExecutor {
 
     /// Prepares to run `plan` on what the calibrated camera measured.
     pub fn new(gpu: &Gpu, plan: Plan, calibration: &Calibration) -> Result<Self, GpuError> {
-        Self::with_edited_shaders(gpu, plan, calibration, |_, text| text)
+        Self::with_overrides(gpu, plan, calibration, &Overrides::default())
     }
 
-    /// As [`GpuExecutor::new`], with the specialised text of each shader passed through `edit`, which gets the
-    /// step too: for tests that break a shader on purpose.
-    pub fn with_edited_shaders(
+    /// As [`GpuExecutor::new`], with some choices overridden.
+    pub fn with_overrides(
         gpu: &Gpu,
         plan: Plan,
         calibration: &Calibration,
-        edit: impl Fn(&Step, String) -> String,
+        overrides: &Overrides<'_>,
     ) -> Result<Self, GpuError> {
         // Padding is read from zeros behind each slot's values, which nothing writes.
         let mut zeros = vec![0; plan.slots.len()];
@@ -93,13 +104,22 @@ impl GpuExecutor {
             plan: &plan,
             slots: &slots,
             calibration,
+            target: Target {
+                max_workgroups: gpu.device.limits().max_compute_workgroups_per_dimension,
+                software: gpu.adapter().is_software(),
+                block: overrides.block,
+            },
             inverse_response: gpu.storage("table of the inverse response", &calibration.inverse_response)?,
             exposures: gpu.storage("table of exposures", &calibration.exposures)?,
             schedule: &schedule,
             layouts: HashMap::new(),
             pipelines: HashMap::new(),
         };
-        let steps = plan.steps.iter().map(|step| builder.record(step, &edit)).collect::<Result<Vec<_>, _>>()?;
+        let steps = plan
+            .steps
+            .iter()
+            .map(|step| builder.record(step, overrides.edit))
+            .collect::<Result<Vec<_>, _>>()?;
         gpu.check()?;
         Ok(Self {
             gpu: gpu.clone(),
@@ -164,9 +184,7 @@ impl GpuExecutor {
         check_len("the measurement", measurement.len(), shape.len())?;
         self.gpu.check()?;
         self.upload.clear();
-        self.upload.extend(
-            measurement.iter().map(|&y| if y.is_finite() { y.clamp(0.0, 1.0) } else { 0.0 }),
-        );
+        self.upload.extend(measurement.iter().map(|&y| if y.is_finite() { y.clamp(0.0, 1.0) } else { 0.0 }));
         let queue = &self.gpu.queue;
         queue.write_buffer(&self.slots[slot], (offset * VALUE) as u64, bytemuck::cast_slice(&self.upload));
         let phase = schedule.rem_euclid(self.period as i64) as u32;
@@ -252,18 +270,13 @@ impl Executor for GpuExecutor {
     }
 
     fn describe(&self) -> String {
-        let adapter = self.gpu.adapter();
-        format!("{}: {}, f32", adapter.backend, adapter.name)
+        format!("{}, f32", self.gpu.name())
     }
 }
 
 impl Download {
     /// Shows the values without padding channels. The submission must be done.
-    fn read(
-        &self,
-        gpu: &Gpu,
-        visit: impl FnOnce(&mut dyn Iterator<Item = f32>),
-    ) -> Result<(), GpuError> {
+    fn read(&self, gpu: &Gpu, visit: impl FnOnce(&mut dyn Iterator<Item = f32>)) -> Result<(), GpuError> {
         match self.mapped.try_recv() {
             Ok(Ok(())) => {}
             outcome => {
@@ -289,6 +302,7 @@ struct Builder<'a> {
     plan: &'a Plan,
     slots: &'a [wgpu::Buffer],
     calibration: &'a Calibration,
+    target: Target,
     inverse_response: wgpu::Buffer,
     exposures: wgpu::Buffer,
     schedule: &'a wgpu::Buffer,
@@ -299,18 +313,20 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn record(&mut self, step: &Step, edit: &impl Fn(&Step, String) -> String) -> Result<Recorded, GpuError> {
+    fn record(&mut self, step: &Step, edit: Option<Edit<'_>>) -> Result<Recorded, GpuError> {
         let device = &self.gpu.device;
-        let grid = Grid { max_workgroups: device.limits().max_compute_workgroups_per_dimension };
-        let mut call = Call::new(step, &self.plan.slots, self.calibration, grid)?;
-        call.text = edit(step, std::mem::take(&mut call.text));
+        let mut call = Call::new(step, &self.plan.slots, self.calibration, self.target)?;
+        if let Some(edit) = edit {
+            call.text = edit(step, &call.text);
+        }
         let (layout, pipeline_layout) =
             self.layouts.entry(call.shader.name).or_insert_with(|| layouts(device, &call));
         if !self.pipelines.contains_key(&call.text) {
             let pipeline = self.gpu.pipeline(&step.name, &call.text, pipeline_layout)?;
             self.pipelines.insert(call.text.clone(), pipeline);
         }
-        let own = |what: &str, values: &[f32]| self.gpu.storage(&format!("{what} of '{}'", step.name), values);
+        let own =
+            |what: &str, values: &[f32]| self.gpu.storage(&format!("{what} of '{}'", step.name), values);
         let resources = call.shader.resources.iter().map(|resource| {
             Ok(match resource {
                 Resource::Weights => own("weights", &call.weights)?,
@@ -360,7 +376,8 @@ fn layouts(device: &wgpu::Device, call: &Call) -> (wgpu::BindGroupLayout, wgpu::
         })
         .collect();
     let label = Some(call.shader.name);
-    let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
+    let layout =
+        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
     let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label,
         bind_group_layouts: &[Some(&layout)],

@@ -3,8 +3,8 @@
 //! A shader is specialised by text, so that every loop bound and every stride is a constant for the driver's
 //! compiler. In front of it stands a generated header of constants: extents, offsets and strides of its tensors by
 //! the names in the table, the camera's tables, and the kernel's own parameters. Two things are expanded in the
-//! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p` or `$j` is repeated
-//! for each pixel or vector of the block that an invocation computes.
+//! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p`, `$j`, `$k`, `$q` or
+//! `$c` is repeated for the parts of the [`Block`] that an invocation computes.
 
 use std::fmt::Write;
 
@@ -96,19 +96,27 @@ pub(super) struct Call {
 }
 
 /// What one invocation of a convolution computes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Block {
     /// Neighbours along x.
     pixels: usize,
     /// Vectors of four output channels.
     vectors: usize,
+    /// Taps along x that are computed together.
+    taps: usize,
+    /// Inputs between neighbouring pixels.
+    stride: usize,
 }
 
-/// Limits of the adapter that shape a call.
+/// What shapes a call besides the step.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Grid {
-    /// Workgroups along one dimension.
+pub(super) struct Target {
+    /// Workgroups along one dimension of a dispatch.
     pub max_workgroups: u32,
+    /// Whether the adapter computes on the CPU.
+    pub software: bool,
+    /// Pixels and vectors of a block, if they are not to be chosen by size.
+    pub block: Option<[usize; 2]>,
 }
 
 /// Where the zeros behind the values of a slot begin, in values. Convolutions read them in place of padding.
@@ -130,7 +138,7 @@ impl Call {
         step: &Step,
         slots: &[usize],
         calibration: &Calibration,
-        grid: Grid,
+        target: Target,
     ) -> Result<Self, GpuError> {
         let shader = shader(&step.kernel);
         let mut inputs = step.inputs.clone();
@@ -150,7 +158,7 @@ impl Call {
 
         let output = step.output.shape;
         let output_vectors = output.c.div_ceil(4);
-        let mut block = Block { pixels: 1, vectors: 1 };
+        let mut block = Block::SINGLE;
         let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), Vec::new(), Vec::new());
         let invocations = match &step.kernel {
             Kernel::BoxEstimate | Kernel::Fuse => output.pixels(),
@@ -162,29 +170,27 @@ impl Call {
             }
             Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv) => {
                 let transposed = matches!(step.kernel, Kernel::ConvTranspose3d(_));
-                // The pixels that an invocation's block lies in: those of a transposed convolution's input,
-                // once for each phase.
-                let (grid, phases) = if transposed {
-                    (inputs[0].shape, conv.stride.iter().product())
-                } else {
-                    (output, 1)
-                };
-                block = Block::for_layer(grid.x, output_vectors);
-                let groups = output_vectors.div_ceil(block.vectors);
-                let blocks_x = grid.x.div_ceil(block.pixels);
+                // The pixels that blocks lie in: of a transposed convolution those of its input, for each phase.
+                let (extent, phases) =
+                    if transposed { (inputs[0].shape, conv.stride.iter().product()) } else { (output, 1) };
                 let rows = if conv.in_channels < 4 {
                     conv.in_channels
                 } else {
                     conv.in_channels.next_multiple_of(4)
                 };
+                block = Block::for_layer(conv, transposed, phases * extent.pixels(), extent.x, target);
+                let groups = output_vectors.div_ceil(block.vectors);
+                let blocks_x = extent.x.div_ceil(block.pixels);
                 let packing = Packing { rows, vectors: groups * block.vectors };
                 header.convolution(conv, packing, step.inputs.len() > 1);
                 header.int("PIXELS", block.pixels);
+                header.int("TAPS", block.taps);
+                header.int("COLUMN_STEP", block.column_step());
                 header.int("GROUPS", groups);
                 header.int("BLOCKS_X", blocks_x);
                 weights = pack(conv, transposed, packing);
                 terms = pack_terms(conv, packing);
-                phases * grid.t * grid.y * blocks_x * groups
+                phases * extent.t * extent.y * blocks_x * groups
             }
             Kernel::InverseResponse { exposures } => {
                 rendered_exposures.clone_from(exposures);
@@ -196,7 +202,7 @@ impl Call {
             }
         };
         checked(&step.name, invocations)?;
-        let workgroups = fold(invocations.div_ceil(WORKGROUP_SIZE), grid.max_workgroups);
+        let workgroups = fold(invocations.div_ceil(WORKGROUP_SIZE), target.max_workgroups);
         header.unsigned("WORKGROUP_SIZE", WORKGROUP_SIZE);
         header.unsigned("WORKGROUPS_X", workgroups[0] as usize);
         header.int("INVOCATIONS", invocations);
@@ -206,9 +212,64 @@ impl Call {
 }
 
 impl Block {
-    /// A block for rows of `width` pixels and `vectors` vectors of output channels.
-    fn for_layer(width: usize, vectors: usize) -> Self {
-        Self { pixels: 8.min(width), vectors: 2.min(vectors) }
+    /// The block of kernels other than convolutions.
+    const SINGLE: Self = Self { pixels: 1, vectors: 1, taps: 1, stride: 1 };
+
+    /// Pixels and vectors, largest first. Larger blocks load less per operation, smaller ones keep more of a GPU
+    /// busy. Software loads a hundred times slower than it multiplies, but compiles large blocks for seconds.
+    const HARDWARE: [[usize; 2]; 4] = [[8, 2], [4, 2], [4, 1], [2, 1]];
+    const SOFTWARE: [[usize; 2]; 3] = [[16, 2], [8, 2], [2, 1]];
+    /// Invocations that are enough to keep the adapter busy.
+    const ENOUGH_HARDWARE: usize = 8192;
+    const ENOUGH_SOFTWARE: usize = 128;
+    /// Taps times input channels that are computed together at most, which bounds the length of the code.
+    const MAX_ROWS: usize = 12;
+
+    /// A block for a layer with `results` pixels in rows of `width`.
+    fn for_layer(
+        conv: &ConvolutionStep,
+        transposed: bool,
+        results: usize,
+        width: usize,
+        target: Target,
+    ) -> Self {
+        let layer_vectors = conv.out_channels.div_ceil(4);
+        // Balanced, so that the last block of a row is nearly full.
+        let fit = |[pixels, vectors]: [usize; 2]| {
+            [width.div_ceil(width.div_ceil(pixels)), vectors.min(layer_vectors)]
+        };
+        let (blocks, enough) = if target.software {
+            (&Self::SOFTWARE[..], Self::ENOUGH_SOFTWARE)
+        } else {
+            (&Self::HARDWARE[..], Self::ENOUGH_HARDWARE)
+        };
+        let invocations = |[pixels, vectors]: [usize; 2]| {
+            (results / width) * width.div_ceil(pixels) * layer_vectors.div_ceil(vectors)
+        };
+        let [pixels, vectors] = target.block.map(fit).unwrap_or_else(|| {
+            let mut fitted = blocks.iter().map(|&block| fit(block));
+            let smallest = fit(blocks[blocks.len() - 1]);
+            fitted.find(|&block| invocations(block) >= enough).unwrap_or(smallest)
+        });
+        // Which taps a transposed convolution has depends on the phase, so it takes them one by one.
+        let together = !transposed && conv.kernel[2] * conv.in_channels.min(4) <= Self::MAX_ROWS;
+        let taps = if together { conv.kernel[2] } else { 1 };
+        Self { pixels, vectors, taps, stride: if transposed { 1 } else { conv.stride[2] } }
+    }
+
+    /// Input columns that the block depends on at once: neighbours where several taps share them.
+    fn columns(self) -> usize {
+        if self.taps == 1 { self.pixels } else { (self.pixels - 1) * self.stride + self.taps }
+    }
+
+    /// Inputs between neighbouring columns.
+    fn column_step(self) -> usize {
+        if self.taps == 1 { self.stride } else { 1 }
+    }
+
+    /// The column that tap `k` of pixel `p` reads.
+    fn column(self, p: usize, k: usize) -> usize {
+        if self.taps == 1 { p } else { p * self.stride + k }
     }
 }
 
@@ -240,9 +301,8 @@ fn fold(count: usize, max: u32) -> [u32; 2] {
     [count.div_ceil(rows) as u32, rows as u32]
 }
 
-/// Replaces `#paste` lines, then repeats lines with `$p` and `$j`.
+/// Replaces `#paste` lines, then repeats lines for the parts of a block.
 fn expand(text: &str, block: Block) -> String {
-    let mut expanded = String::new();
     let pasted = text.lines().flat_map(|line| match line.trim().strip_prefix("#paste ") {
         Some(name) => {
             let (_, piece) =
@@ -251,12 +311,24 @@ fn expand(text: &str, block: Block) -> String {
         }
         None => vec![line],
     });
+    let mut expanded = String::new();
     for line in pasted {
-        let code = line.split("//").next().unwrap_or_default();
-        let pixels = if code.contains("$p") { block.pixels } else { 1 };
-        let vectors = if code.contains("$j") { block.vectors } else { 1 };
-        for (p, j) in (0..pixels).flat_map(|p| (0..vectors).map(move |j| (p, j))) {
-            let _ = writeln!(expanded, "{}", code.replace("$p", &p.to_string()).replace("$j", &j.to_string()));
+        // Comments explain the parts and stand once.
+        let line = line.split("//").next().unwrap_or_default().trim_end();
+        let count = |tokens: &[&str], count| if tokens.iter().any(|t| line.contains(t)) { count } else { 1 };
+        for k in 0..count(&["$k", "$c"], block.taps) {
+            for j in 0..count(&["$j"], block.vectors) {
+                for q in 0..count(&["$q"], block.columns()) {
+                    for p in 0..count(&["$p", "$c"], block.pixels) {
+                        let parts = [("$k", k), ("$j", j), ("$q", q), ("$p", p), ("$c", block.column(p, k))];
+                        let repeated = parts.iter().fold(line.to_owned(), |line, (token, value)| {
+                            line.replace(token, &value.to_string())
+                        });
+                        expanded.push_str(&repeated);
+                        expanded.push('\n');
+                    }
+                }
+            }
         }
     }
     expanded
@@ -320,8 +392,10 @@ impl Header {
         for (index, (name, _)) in NAMES.iter().enumerate() {
             self.unsigned(name, index + 1);
         }
-        let code = |feature: &Feature| NAMES.iter().position(|(_, f)| f == feature).map_or(0, |index| index + 1);
-        let mut halves = channels.chunks(8).map(|half| half.iter().rev().fold(0, |codes, f| codes << 4 | code(f)));
+        let code =
+            |feature: &Feature| NAMES.iter().position(|(_, f)| f == feature).map_or(0, |index| index + 1);
+        let mut halves =
+            channels.chunks(8).map(|half| half.iter().rev().fold(0, |codes, f| codes << 4 | code(f)));
         self.unsigned("FEATURES_0_TO_7", halves.next().unwrap_or(0));
         self.unsigned("FEATURES_8_TO_15", halves.next().unwrap_or(0));
     }
@@ -332,6 +406,7 @@ impl Header {
         self.extents("PADDING", conv.padding);
         self.int("WEIGHT_ROWS", packing.rows);
         self.int("WEIGHT_VECTORS", packing.vectors);
+        self.int("TAP_WEIGHTS", packing.rows * packing.vectors);
         self.boolean("NORM", conv.layer.norm.is_some());
         self.boolean("ADD", add);
         let (activation, parameter) = match conv.activation {
@@ -364,10 +439,10 @@ mod tests {
 
     #[test]
     fn lines_are_repeated_for_pixels_and_vectors() {
-        let block = Block { pixels: 2, vectors: 2 };
+        let block = Block { pixels: 2, vectors: 2, taps: 1, stride: 1 };
         let text = "a_$p += b_$j; // $p\nc\n    #paste dispatch";
         let expanded = expand(text, block);
-        let expected = "a_0 += b_0; \na_0 += b_1; \na_1 += b_0; \na_1 += b_1; \nc\n";
+        let expected = "a_0 += b_0;\na_1 += b_0;\na_0 += b_1;\na_1 += b_1;\nc\n";
         assert!(expanded.starts_with(expected), "{expanded}");
         assert!(expanded.contains("fn invocation_index"));
     }
@@ -375,7 +450,7 @@ mod tests {
     #[test]
     fn every_paste_is_in_the_table() {
         for shader in &SHADERS {
-            let text = expand(shader.text, Block { pixels: 2, vectors: 3 });
+            let text = expand(shader.text, Block { pixels: 2, vectors: 3, taps: 3, stride: 2 });
             assert!(!text.contains('#') && !text.contains('$'), "{}", shader.name);
         }
     }

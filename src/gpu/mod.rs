@@ -1,7 +1,7 @@
 //! The GPU executor: hand-written WGSL on `wgpu`.
 //!
 //! [`adapters`] lists what there is, [`Gpu::open`] opens one of them, and [`GpuExecutor`] runs a plan on it. The
-//! shaders are in `shaders/`, one file per kernel with the name of its CPU twin; [`kernels`] has the table of them.
+//! shaders are in `shaders/`, one file per kernel with the name of its CPU twin; `kernels.rs` has the table of them.
 
 mod adapter;
 mod device;
@@ -11,7 +11,7 @@ mod weights;
 
 pub use adapter::{Adapter, AdapterChoice, adapters};
 pub use device::Gpu;
-pub use executor::GpuExecutor;
+pub use executor::{Edit, GpuExecutor, Overrides};
 
 /// What can go wrong with a GPU.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
