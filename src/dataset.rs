@@ -146,7 +146,8 @@ fn cube(request: &Request, panoramas: &[Arc<Panorama>], index: usize) -> Result<
     let seed = request.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(index as u64);
     let [frames, height, width] = request.extent;
     let (scene, speed) = training_clip(panoramas, [height, width], frames, seed);
-    let mut truth = render(&scene, Rendering { frames, height, width, instants: 6, positions: 1, seed }, || ());
+    let mut truth =
+        render(&scene, Rendering { frames, height, width, instants: 6, positions: 1, seed }, || ());
     truth.normalise();
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(!seed));
     // The user's exposure is not always set to the anchor: darker, or with more in saturation.

@@ -61,7 +61,8 @@ impl Demo {
             terminal::warn(&warning);
         }
         let calibration = capture.calibration();
-        let mut synthesizer = self.engine.synthesizer(&model, calibration.clone(), [height, width], &backend)?;
+        let mut synthesizer =
+            self.engine.synthesizer(&model, calibration.clone(), [height, width], &backend)?;
         let (result, report) = synthesizer.video(&capture)?;
         let filtered = box_filter(&capture.measurement(), &calibration, capture.info.schedule_start);
         let measures = json!({ "pix2hdr": compare(&truth, &result)?, "box": compare(&truth, &filtered)? });
@@ -84,8 +85,11 @@ impl Demo {
             .row("truth", panels(&truth))
             .write(add("contact-sheet.png"))?;
         let pixel = liveliest(&truth);
-        self.time_series(pixel, [&filtered, &result, &truth], &capture.measurement(), &calibration)
-            .write(add("time-series.png"), 960, 480)?;
+        self.time_series(pixel, [&filtered, &result, &truth], &capture.measurement(), &calibration).write(
+            add("time-series.png"),
+            960,
+            480,
+        )?;
         let seconds = begun.elapsed().as_secs_f64();
         let mut json = run_json(&self.engine.describe(&backend), &report, seconds);
         let report_path = add("report.json");

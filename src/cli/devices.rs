@@ -37,7 +37,8 @@ impl Devices {
                 );
             }
             if adapters.is_empty() {
-                text += "\nno GPU adapter: install its Vulkan driver, or mesa-vulkan-drivers for software Vulkan";
+                text +=
+                    "\nno GPU adapter: install its Vulkan driver, or mesa-vulkan-drivers for software Vulkan";
             }
             text
         })

@@ -41,7 +41,9 @@ impl Import {
                     terminal::warn(&warning);
                 }
             }
-            None => terminal::warn("too few static, well exposed pixels to check how values scale with exposure"),
+            None => {
+                terminal::warn("too few static, well exposed pixels to check how values scale with exposure");
+            }
         }
         let files = capture.write(&self.out)?;
         let latency = capture.pattern.longest_readout() as f64 * capture.info.frame_period_ms;

@@ -238,10 +238,13 @@ impl CaptureOptions {
         if let Some(response) = &self.response {
             set("response", Some(to_json(&response.form()?)?));
         }
-        set("timing", self.timing.map(|timing| match timing {
-            TimingOption::Covering => "covering".into(),
-            TimingOption::Hold => "hold".into(),
-        }));
+        set(
+            "timing",
+            self.timing.map(|timing| match timing {
+                TimingOption::Covering => "covering".into(),
+                TimingOption::Hold => "hold".into(),
+            }),
+        );
         set("schedule_start", self.schedule_start.map(Value::from));
         set("bit_depth", self.bit_depth.map(Value::from));
         set("black_level", self.black_level.map(Value::from));

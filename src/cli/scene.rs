@@ -89,7 +89,9 @@ impl Size {
         let Self { frames, height, width, samples } = *self;
         let pixels = frames.checked_mul(height).and_then(|n| n.checked_mul(width)).filter(|n| *n <= 1 << 31);
         if pixels.is_none() {
-            return Err(Error::Usage(format!("{frames} frames of {height}×{width} pixels do not fit into memory")));
+            return Err(Error::Usage(format!(
+                "{frames} frames of {height}×{width} pixels do not fit into memory"
+            )));
         }
         let bar = terminal::progress(frames, "rendering");
         let how = Rendering { frames, height, width, instants: samples, positions: 1, seed };

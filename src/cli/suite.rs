@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use pix2hdr::Result;
 use pix2hdr::network::Model;
 use pix2hdr::quality::{Method, Suite, SuiteReport};
 use pix2hdr::scene::Panorama;
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
-use pix2hdr::Result;
 
 use super::options::Engine;
 use super::scene::at_least_one;
@@ -72,7 +72,8 @@ impl SuiteCommand {
 fn table(report: &SuiteReport, methods: &[(String, Method)]) -> String {
     let box_scores = &report.methods["box"];
     let names: Vec<&String> = methods.iter().map(|(name, _)| name).collect();
-    let mut text = format!("PSNR-µ in dB (margin over the box filter), mean over {} clips\n{:22}", report.clips, "");
+    let mut text =
+        format!("PSNR-µ in dB (margin over the box filter), mean over {} clips\n{:22}", report.clips, "");
     for name in &names {
         text += &format!("{:>24}", name.rsplit('/').next().unwrap_or(name));
     }

@@ -84,8 +84,11 @@ impl Synth {
             anchor: capture.info.anchor.map(|anchor| anchor as f32),
         };
         let mut writer = VideoWriter::begin(&target, [capture.frames, extent[0], extent[1]], how)?;
-        let mut preview =
-            self.preview.as_ref().map(|path| PreviewWriter::begin(path, extent, self.preview_rate)).transpose()?;
+        let mut preview = self
+            .preview
+            .as_ref()
+            .map(|path| PreviewWriter::begin(path, extent, self.preview_rate))
+            .transpose()?;
         let shown = shown_frames(capture.frames);
         let mut panels = Vec::new();
         let mut comparison = Comparison::default();
@@ -132,7 +135,10 @@ impl Synth {
             if let Some(measures) = measures {
                 text += &format!("\n{measures}");
             }
-            text + &format!("\nwritten: {}", files.iter().map(|path| show(path)).collect::<Vec<_>>().join(", "))
+            text + &format!(
+                "\nwritten: {}",
+                files.iter().map(|path| show(path)).collect::<Vec<_>>().join(", ")
+            )
         })
     }
 }

@@ -24,7 +24,7 @@ impl Weights {
             let all = presets::all();
             let report = json!({ "presets": all });
             return terminal::result(self.json, &report, || {
-                let lines = all.iter().map(|preset| preset.to_string());
+                let lines = all.iter().map(ToString::to_string);
                 lines.collect::<Vec<_>>().join("\n")
             });
         };

@@ -150,7 +150,7 @@ impl GpuExecutor {
         }
         self.upload(measurement, schedule)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        self.encode(&self.steps, &mut encoder);
+        Self::encode(&self.steps, &mut encoder);
         let view = self.plan.result;
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
@@ -192,7 +192,7 @@ impl GpuExecutor {
         Ok(())
     }
 
-    fn encode(&self, steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
+    fn encode(steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         for step in steps {
             pass.set_pipeline(&step.pipeline);
@@ -228,7 +228,7 @@ impl GpuExecutor {
     /// Runs one step.
     fn step(&self, index: usize) {
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        self.encode(&self.steps[index..=index], &mut encoder);
+        Self::encode(&self.steps[index..=index], &mut encoder);
         self.gpu.queue.submit([encoder.finish()]);
     }
 

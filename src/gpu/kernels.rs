@@ -246,11 +246,12 @@ impl Block {
         let invocations = |[pixels, vectors]: [usize; 2]| {
             (results / width) * width.div_ceil(pixels) * layer_vectors.div_ceil(vectors)
         };
-        let [pixels, vectors] = target.block.map(fit).unwrap_or_else(|| {
+        let large_enough = || {
             let mut fitted = blocks.iter().map(|&block| fit(block));
             let smallest = fit(blocks[blocks.len() - 1]);
             fitted.find(|&block| invocations(block) >= enough).unwrap_or(smallest)
-        });
+        };
+        let [pixels, vectors] = target.block.map_or_else(large_enough, fit);
         // Which taps a transposed convolution has depends on the phase, so it takes them one by one.
         let together = !transposed && conv.kernel[2] * conv.in_channels.min(4) <= Self::MAX_ROWS;
         let taps = if together { conv.kernel[2] } else { 1 };
@@ -370,7 +371,7 @@ impl Header {
     fn view(&mut self, name: &str, view: &View, slot_len: usize) -> Result<(), GpuError> {
         checked(name, slot_len)?;
         let unit = if view.stride == 1 { 1 } else { 4 };
-        debug_assert!(view.offset % unit == 0 && view.stride % unit == 0, "{view:?}");
+        debug_assert!(view.offset.is_multiple_of(unit) && view.stride.is_multiple_of(unit), "{view:?}");
         self.extents(name, view.shape.extent());
         self.int(&format!("{name}_C"), view.shape.c);
         self.int(&format!("{name}_VECTORS"), view.shape.c.div_ceil(4));

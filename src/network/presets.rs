@@ -47,9 +47,10 @@ pub fn all() -> [Preset; 5] {
 
 /// The built-in net of that name.
 pub fn by_name(name: &str) -> Result<Preset, NetworkError> {
-    all().into_iter().find(|preset| preset.name == name).ok_or_else(|| {
-        NetworkError::NoPreset(name.to_owned(), all().map(|preset| preset.name).join(", "))
-    })
+    all()
+        .into_iter()
+        .find(|preset| preset.name == name)
+        .ok_or_else(|| NetworkError::NoPreset(name.to_owned(), all().map(|preset| preset.name).join(", ")))
 }
 
 impl Preset {
@@ -85,7 +86,9 @@ mod tests {
             let [_, y, x] = graph.granularity().unwrap();
             let model = Model::random(graph, 0).unwrap();
             let plan = Plan::lower(&model, 2 * y, 3 * x).unwrap();
-            assert!(plan.steps.iter().all(|step| step.inputs.iter().all(|input| input.slot != step.output.slot)));
+            assert!(
+                plan.steps.iter().all(|step| step.inputs.iter().all(|input| input.slot != step.output.slot))
+            );
             assert_eq!(plan.result.shape.t, model.graph.window.hop);
         }
     }

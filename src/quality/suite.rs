@@ -119,7 +119,12 @@ impl Suite {
                         let class = format!("{}-{}-{}", speed.name(), moves.name(), light.name());
                         for (name, method) in &mut *methods {
                             let measures = compare(&truth, &method.video(&capture)?)?;
-                            found.entry(name.clone()).or_default().entry(class.clone()).or_default().push(measures);
+                            found
+                                .entry(name.clone())
+                                .or_default()
+                                .entry(class.clone())
+                                .or_default()
+                                .push(measures);
                         }
                         clips += 1;
                         progress(clips);
@@ -130,8 +135,8 @@ impl Suite {
         let methods = found
             .into_iter()
             .map(|(name, classes)| {
-                let overall = mean(classes.values().flatten());
-                let classes = classes.iter().map(|(class, all)| (class.clone(), mean(all.iter()))).collect();
+                let overall = mean(&classes.values().flatten().copied().collect::<Vec<_>>());
+                let classes = classes.iter().map(|(class, all)| (class.clone(), mean(all))).collect();
                 (name, Scores { overall, classes })
             })
             .collect();
@@ -142,7 +147,8 @@ impl Suite {
         let Self { frames, extent, .. } = *self;
         let scene = suite_clip(panoramas, index, class, extent, frames, seed);
         let [height, width] = extent;
-        let mut truth = render(&scene, Rendering { frames, height, width, instants: 8, positions: 1, seed }, || ());
+        let mut truth =
+            render(&scene, Rendering { frames, height, width, instants: 8, positions: 1, seed }, || ());
         truth.normalise();
         truth
     }
@@ -156,9 +162,9 @@ impl Suite {
 }
 
 /// Mean of each measure; of SSIM over the clips that have one.
-fn mean<'a>(all: impl Iterator<Item = &'a Measures> + Clone) -> Measures {
+fn mean(all: &[Measures]) -> Measures {
     let average = |value: &dyn Fn(&Measures) -> Option<f64>| {
-        let values: Vec<f64> = all.clone().filter_map(value).collect();
+        let values: Vec<f64> = all.iter().filter_map(value).collect();
         (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     };
     Measures {

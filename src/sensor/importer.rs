@@ -90,7 +90,7 @@ pub fn check_exposure_ratio(capture: &Capture) -> Option<RatioCheck> {
             }
             match judged(ny, nx) {
                 Some((other, e)) if e != exposure => {
-                    exponents.push((other / value).ln() / (e / exposure).ln())
+                    exponents.push((other / value).ln() / (e / exposure).ln());
                 }
                 _ => {}
             }

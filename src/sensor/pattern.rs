@@ -87,13 +87,9 @@ impl Cell {
         let period = self.period as i64;
         let phase = t.rem_euclid(period);
         // The shutter that started last; before the first start it is the last one of the period before.
-        let (shutter, start) = match self.shutters.iter().rev().find(|s| s.start as i64 <= phase) {
-            Some(shutter) => (shutter, t - phase + shutter.start as i64),
-            None => {
-                let last = &self.shutters[self.shutters.len() - 1];
-                (last, t - phase - period + last.start as i64)
-            }
-        };
+        let begun = self.shutters.iter().rev().find(|s| s.start as i64 <= phase);
+        let (shutter, lap) = begun.map_or((&self.shutters[self.shutters.len() - 1], period), |s| (s, 0));
+        let start = t - phase - lap + shutter.start as i64;
         Readout { start, shutter }
     }
 

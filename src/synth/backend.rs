@@ -72,7 +72,9 @@ impl Backend {
     /// What limits a tile here.
     pub fn limits(&self, side: Option<usize>) -> Limits {
         match self {
-            Self::Gpu(gpu) => Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), side },
+            Self::Gpu(gpu) => {
+                Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), side }
+            }
             Self::Cpu => Limits { buffer: CPU_BYTES, total: CPU_BYTES, side },
         }
     }

@@ -57,7 +57,10 @@ pub fn check_fits(model: &Model, capture: &Capture) -> Result<Option<String>> {
     let response = serde_json::to_value(capture.response.form()).unwrap_or_default();
     let trained = &model.trained.response;
     Ok((trained != "any" && *trained != response).then(|| {
-        format!("weights '{}' were trained for response {trained}, the capture has {response}", model.graph.name)
+        format!(
+            "weights '{}' were trained for response {trained}, the capture has {response}",
+            model.graph.name
+        )
     }))
 }
 
@@ -92,9 +95,16 @@ impl Synthesizer {
     }
 
     /// Synthesises all frames of `capture`; `sink` gets each one [rows, columns] in order, as irradiance p.
-    pub fn run(&mut self, capture: &Capture, mut sink: impl FnMut(usize, &[f32]) -> Result<()>) -> Result<Report> {
+    pub fn run(
+        &mut self,
+        capture: &Capture,
+        mut sink: impl FnMut(usize, &[f32]) -> Result<()>,
+    ) -> Result<Report> {
         if [capture.height, capture.width] != self.extent || capture.calibration() != self.calibration {
-            return Err(SensorError::Capture("not the size or camera that the synthesis was made for".into()).into());
+            return Err(SensorError::Capture(
+                "not the size or camera that the synthesis was made for".into(),
+            )
+            .into());
         }
         let converted;
         let capture = match capture.info.timing {
@@ -163,7 +173,9 @@ impl Synthesizer {
         let mut padded = Vec::with_capacity(padded_height * padded_width);
         for y in 0..padded_height {
             let row = &values[windows::stand_in_row(height, self.calibration.rows, y) * width..][..width];
-            padded.extend((0..padded_width).map(|x| row[windows::stand_in_row(width, self.calibration.cols, x)]));
+            padded.extend(
+                (0..padded_width).map(|x| row[windows::stand_in_row(width, self.calibration.cols, x)]),
+            );
         }
         padded
     }
@@ -196,7 +208,8 @@ fn keep(tile: &[f32], (row, col): (Stretch, Stretch), [height, width]: [usize; 2
     let columns = col.len.min(width.saturating_sub(col.start));
     for t in 0..result.frames {
         for y in row.start..(row.start + row.len).min(height) {
-            let from = (t * row.outer_len + y - row.outer_start) * col.outer_len + col.start - col.outer_start;
+            let from =
+                (t * row.outer_len + y - row.outer_start) * col.outer_len + col.start - col.outer_start;
             result.frame_mut(t)[y * width + col.start..][..columns].copy_from_slice(&tile[from..][..columns]);
         }
     }

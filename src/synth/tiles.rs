@@ -43,7 +43,12 @@ pub struct Limits {
 
 impl Grid {
     /// The coarsest grid whose tiles stay within `limits`.
-    pub fn fit(model: &Model, calibration: &Calibration, [height, width]: [usize; 2], limits: Limits) -> Result<Self> {
+    pub fn fit(
+        model: &Model,
+        calibration: &Calibration,
+        [height, width]: [usize; 2],
+        limits: Limits,
+    ) -> Result<Self> {
         let cut = Cut::new(&model.graph, calibration)?;
         let [height, width] = [height.next_multiple_of(cut.unit[0]), width.next_multiple_of(cut.unit[1])];
         let side = limits.side.unwrap_or(usize::MAX);
@@ -64,7 +69,10 @@ impl Grid {
             if parts[axis] >= finest[axis] {
                 return Err(NetworkError::Graph(
                     model.graph.name.clone(),
-                    format!("even its smallest tile needs a buffer of {largest} bytes, more than {}", limits.buffer),
+                    format!(
+                        "even its smallest tile needs a buffer of {largest} bytes, more than {}",
+                        limits.buffer
+                    ),
                 )
                 .into());
             }

@@ -68,7 +68,9 @@ mod tests {
         for (start, frames) in [(0, 1), (0, 8), (3, 20), (-5, 9), (7, 1)] {
             let windows = covering(window, start, frames);
             assert!(windows.start * 8 <= start && (windows.start + 1) * 8 > start);
-            assert!(windows.end * 8 >= start + frames as i64 && (windows.end - 1) * 8 < start + frames as i64);
+            assert!(
+                windows.end * 8 >= start + frames as i64 && (windows.end - 1) * 8 < start + frames as i64
+            );
         }
         assert_eq!(seen(window, 1), 4..20);
     }

@@ -43,7 +43,11 @@ fn test() -> Result<()> {
         println!("{line}");
         let count = |what: &str| -> usize {
             let before = line.split(what).next().unwrap_or_default();
-            before.rsplit([' ', '.', ';']).find(|word| !word.is_empty()).and_then(|n| n.parse().ok()).unwrap_or(0)
+            before
+                .rsplit([' ', '.', ';'])
+                .find(|word| !word.is_empty())
+                .and_then(|n| n.parse().ok())
+                .unwrap_or(0)
         };
         if line.starts_with("test result:") {
             passed += count(" passed");
@@ -73,7 +77,9 @@ fn test_training() -> Result<()> {
             run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&venv))?;
         }
     }
-    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-e", "training[test]"]).current_dir(&root))?;
+    run(Command::new(&python)
+        .args(["-m", "pip", "install", "--quiet", "-e", "training[test]"])
+        .current_dir(&root))?;
     run(Command::new(&python).args(["-m", "pytest", "-q", "training/tests"]).current_dir(&root))
 }
 
@@ -93,7 +99,9 @@ fn has_vulkan_driver() -> bool {
     let folders = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
     let holds_driver = |folder: &&str| {
         Path::new(folder).read_dir().is_ok_and(|entries| {
-            entries.flatten().any(|entry| entry.path().extension().is_some_and(|extension| extension == "json"))
+            entries
+                .flatten()
+                .any(|entry| entry.path().extension().is_some_and(|extension| extension == "json"))
         })
     };
     named || folders.iter().any(holds_driver)

@@ -1,0 +1,221 @@
+//! The program as a user meets it: the whole chain, and one helpful line for whatever is wrong.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use pix2hdr::video::{self, Video, Writing, npy};
+
+fn pix2hdr(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_pix2hdr"))
+        .args(arguments)
+        .env_remove("RUST_LOG")
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs a command that must succeed, and returns what it prints.
+fn succeeds(arguments: &[&str]) -> String {
+    let output = pix2hdr(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Runs a command that must fail with one line that holds all of `words`, and must write nothing into `out`.
+fn fails(arguments: &[&str], words: &[&str], out: &Path) {
+    let output = pix2hdr(arguments);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{arguments:?} succeeded");
+    // Graphics drivers add lines of their own; ours begin with our name.
+    let ours: Vec<&str> =
+        error.lines().filter(|line| line.starts_with("pix2hdr:") && !line.contains("warning:")).collect();
+    assert_eq!(ours.len(), 1, "{arguments:?}: {error}");
+    assert!(!error.contains("panicked"), "{error}");
+    for word in words {
+        assert!(ours[0].contains(word), "{arguments:?}: '{word}' is not in '{}'", ours[0]);
+    }
+    assert!(output.stdout.is_empty(), "{arguments:?} printed a result");
+    let left: Vec<_> = fs::read_dir(out).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    assert!(left.is_empty(), "{arguments:?} left {left:?}");
+}
+
+/// A folder with a small capture in it, and its path.
+fn capture() -> (tempfile::TempDir, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let video = Video::new(9, 18, 22, (0..9 * 18 * 22).map(|i| (i % 97) as f32 / 97.0).collect()).unwrap();
+    video::write(folder.path().join("truth.npy"), &video, Writing::default()).unwrap();
+    let truth = folder.path().join("truth.npy").display().to_string();
+    let out = folder.path().join("capture").display().to_string();
+    succeeds(&["sample", &truth, "--out", &out]);
+    let array = folder.path().join("capture/capture.npy").display().to_string();
+    (folder, array)
+}
+
+#[test]
+fn the_whole_chain_runs_on_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (truth, camera, result) = (path("truth"), path("camera"), path("result"));
+    let size = ["--frames", "12", "--height", "30", "--width", "44", "--samples", "2"];
+    succeeds(&[&["scene", "fan", "--out", &truth][..], &size[..]].concat());
+    succeeds(&["sample", &truth, "--out", &camera, "--seed", "3"]);
+    let json =
+        succeeds(&["synth", &camera, "--out", &result, "--executor", "cpu", "--truth", &truth, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(report["frames"], 12);
+    assert_eq!(report["executor"], "cpu");
+    assert!(report["measures"]["psnr_mu"].as_f64().unwrap() > 10.0);
+    let video = video::read(folder.path().join("result/hdr")).unwrap();
+    assert_eq!([video.frames, video.height, video.width], [12, 30, 44]);
+    let measures: serde_json::Value =
+        serde_json::from_str(&succeeds(&["eval", &truth, &path("result/hdr"), "--json"])).unwrap();
+    let difference = measures["psnr_mu"].as_f64().unwrap() - report["measures"]["psnr_mu"].as_f64().unwrap();
+    assert!(difference.abs() < 0.01, "{measures} against {report}");
+    for name in ["contact-sheet.png", "report.json"] {
+        assert!(folder.path().join("result").join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn the_demo_writes_all_that_it_promises() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("demo").display().to_string();
+    let size = ["--frames", "10", "--height", "32", "--width", "40", "--samples", "2"];
+    let json = succeeds(&[&["demo", "--out", &out, "--executor", "cpu", "--json"][..], &size[..]].concat());
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    for file in report["files"].as_array().unwrap() {
+        assert!(Path::new(file.as_str().unwrap()).exists(), "{file}");
+    }
+    assert!(report["measures"]["box"]["psnr_mu"].is_number());
+}
+
+#[test]
+fn software_vulkan_and_cpu_give_the_same_video() {
+    let (folder, array) = capture();
+    let run = |executor: &str| {
+        let out = folder.path().join(format!("{executor}.npy"));
+        succeeds(&["synth", &array, "--executor", executor, "--out", &out.display().to_string()]);
+        video::read(&out).unwrap()
+    };
+    let (cpu, gpu) = (run("cpu"), run("gpu"));
+    let worst = cpu.data.iter().zip(&gpu.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-4, "they differ by {worst}");
+}
+
+#[test]
+fn broken_captures_are_refused() {
+    let (folder, array) = capture();
+    let target = folder.path().join("out");
+    let out = target.display().to_string();
+    let whole = fs::read(&array).unwrap();
+    let json_path = folder.path().join("capture/capture.json");
+    let json = fs::read_to_string(&json_path).unwrap();
+    let synth = ["synth", &array, "--out", &out, "--executor", "cpu"];
+    for length in [0, 5, 40, whole.len() - 1] {
+        fs::write(&array, &whole[..length]).unwrap();
+        fails(&synth, &["capture.npy"], &target);
+    }
+    npy::write_halves(&array, &[2, 3], &[half::f16::ONE; 6]).unwrap();
+    fails(&synth, &["capture.npy", "[2, 3]"], &target);
+    fs::write(&array, &whole).unwrap();
+    for (from, to, word) in [
+        ("mpve-1-4", "mpve-9", "mpve-9"),
+        ("\"linear\"", "\"../../etc/passwd.csv\"", "response"),
+        ("\"bit_depth\": 10", "\"bit_depth\": 99", "bit depth"),
+        ("\"white_level\": 1023.0", "\"white_level\": -1.0", "white level"),
+        ("{", "", "capture"),
+    ] {
+        assert!(json.contains(from), "{from} is not in {json}");
+        fs::write(&json_path, json.replacen(from, to, 1)).unwrap();
+        fails(&synth, &["capture", word], &target);
+    }
+    fs::remove_file(&json_path).unwrap();
+    fails(&synth, &["capture.json", "--pattern"], &target);
+    succeeds(&[
+        "synth",
+        &array,
+        "--out",
+        &out,
+        "--executor",
+        "cpu",
+        "--pattern",
+        "mpve-1-4",
+        "--bit-depth",
+        "10",
+    ]);
+}
+
+#[test]
+fn weights_for_another_pattern_are_refused() {
+    let (folder, _) = capture();
+    let truth = folder.path().join("truth.npy").display().to_string();
+    let other = folder.path().join("other").display().to_string();
+    succeeds(&["sample", &truth, "--out", &other, "--pattern", "mpve-1-8"]);
+    let target = folder.path().join("out");
+    let out = target.display().to_string();
+    fails(&["synth", &other, "--out", &out, "--executor", "cpu"], &["mpve-1-4", "mpve-1-8"], &target);
+}
+
+#[test]
+fn broken_weights_are_refused() {
+    let (folder, array) = capture();
+    let target = folder.path().join("out");
+    let out = target.display().to_string();
+    let weights = folder.path().join("w.safetensors");
+    let name = weights.display().to_string();
+    let whole = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/weights/fast.safetensors")).unwrap();
+    let synth = ["synth", &array, "--out", &out, "--executor", "cpu", "--weights", &name];
+    for length in [0, 4, 100, whole.len() / 2, whole.len() - 1] {
+        fs::write(&weights, &whole[..length]).unwrap();
+        fails(&synth, &["w.safetensors"], &target);
+    }
+    let mut not_finite = whole.clone();
+    let end = not_finite.len();
+    not_finite[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    fs::write(&weights, &not_finite).unwrap();
+    fails(&synth, &["w.safetensors", "tensor", "NaN"], &target);
+    fails(&["synth", &array, "--out", &out, "--weights", "nonesuch"], &["nonesuch", "fast"], &target);
+    fails(&["synth", &array, "--out", &out, "--weights", "paper"], &["paper", "no trained weights"], &target);
+}
+
+#[test]
+fn broken_videos_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (target, video_path) = (folder.path().join("out"), path("v.npy"));
+    let out = target.display().to_string();
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    fails(&["sample", &path("empty"), "--out", &out], &["empty"], &target);
+    fails(&["sample", &path("missing.npy"), "--out", &out], &["missing.npy"], &target);
+    let video = Video::new(1, 4, 4, vec![0.5; 16]).unwrap();
+    video::write(&video_path, &video, Writing { half: false, ..Writing::default() }).unwrap();
+    let mut bytes = fs::read(&video_path).unwrap();
+    for value in [f32::NAN, f32::INFINITY] {
+        let end = bytes.len();
+        bytes[end - 4..].copy_from_slice(&value.to_le_bytes());
+        fs::write(&video_path, &bytes).unwrap();
+        fails(&["sample", &video_path, "--out", &out], &["v.npy", "row 3, column 3"], &target);
+    }
+    fs::write(folder.path().join("frame-0.exr"), b"v/1\x01nonsense").unwrap();
+    fails(&["sample", &path("frame-0.exr"), "--out", &out], &["frame-0.exr"], &target);
+}
+
+#[test]
+fn results_are_not_written_over_what_is_there() {
+    let (folder, array) = capture();
+    // A file stands where the folder should be.
+    let blocked = folder.path().join("blocked");
+    fs::write(&blocked, "mine").unwrap();
+    let out = blocked.join("deeper").display().to_string();
+    fails(&["synth", &array, "--out", &out, "--executor", "cpu"], &["blocked"], Path::new("/nonexistent"));
+    assert_eq!(fs::read_to_string(&blocked).unwrap(), "mine");
+    // A folder with something in it.
+    let target = folder.path().join("full");
+    fs::create_dir_all(target.join("hdr")).unwrap();
+    fs::write(target.join("hdr/notes.txt"), "mine").unwrap();
+    let out = target.display().to_string();
+    let output = pix2hdr(&["synth", &array, "--out", &out, "--executor", "cpu", "--overwrite"]);
+    assert!(!output.status.success());
+    assert_eq!(fs::read_to_string(target.join("hdr/notes.txt")).unwrap(), "mine");
+    assert_eq!(fs::read_dir(target.join("hdr")).unwrap().count(), 1);
+}
