@@ -147,6 +147,40 @@ fn a_plan_of_the_largest_slot_fits() {
     GpuExecutor::new(gpu(), plan, &calibration()).unwrap();
 }
 
+/// Software Vulkan takes its memory from the process, so a process with little address space runs out of it.
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_that_runs_out_is_an_error_that_names_what_it_was_for() {
+    const CHILD: &str = "PIX2HDR_TEST_WITH_LITTLE_MEMORY";
+    const NAME: &str = "memory_that_runs_out_is_an_error_that_names_what_it_was_for";
+    let choice = AdapterChoice { substring: Some("llvmpipe".into()), allow_software: true };
+    let Ok(gpu) = Gpu::open(&choice) else {
+        println!("not tested: only software Vulkan runs out of memory without harm");
+        return;
+    };
+    if std::env::var_os(CHILD).is_none() {
+        let limited = std::process::Command::new("sh")
+            .args(["-c", "ulimit -v 3000000 && exec \"$0\" \"$@\""])
+            .arg(std::env::current_exe().unwrap())
+            .args(["--exact", NAME])
+            .env(CHILD, "1")
+            .status();
+        assert!(limited.unwrap().success());
+        return;
+    }
+    let mut plan = plan(&support::graph(1, 1, "", "features"), 8, 8);
+    plan.slots.resize(64, (gpu.largest_binding() / 4) as usize);
+    match GpuExecutor::new(&gpu, plan, &calibration()) {
+        Err(GpuError::OutOfMemory { what, bytes }) => {
+            assert!(what.starts_with("slot ") && bytes >= gpu.largest_binding(), "{bytes} for {what}");
+        }
+        other => panic!("{other:?}"),
+    }
+    // What was made before is given back.
+    GpuExecutor::new(&gpu, support::plan(&support::graph(1, 1, "", "features"), 8, 8), &calibration())
+        .unwrap();
+}
+
 #[test]
 fn refused_shaders_are_named() {
     let plan = plan(&support::graph(1, 1, "", "features"), 8, 8);
