@@ -1,5 +1,5 @@
 // box_estimate: the (1 2 1)ᵀ(1 2 1)-weighted mean of irradiance R⁻¹(y)/e over the 3×3 neighbours, borders mirrored,
-// saturated pixels left out unless all nine are (DESIGN §4, box filter).
+// saturated pixels left out unless all nine are (design §4, box filter).
 //
 // One invocation computes one pixel.
 

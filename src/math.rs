@@ -1,6 +1,6 @@
 //! Small mathematics that several modules share.
 
-/// µ of the tone curve (DESIGN §2).
+/// µ of the tone curve (design §2).
 pub const MU: f64 = 5000.0;
 
 /// Least common multiple of two positive numbers.

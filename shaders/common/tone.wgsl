@@ -1,4 +1,4 @@
-// The tone curve l(p) = ln(1 + µp)/ln(1 + µ) and its inverse (DESIGN §2).
+// The tone curve l(p) = ln(1 + µp)/ln(1 + µ) and its inverse (design §2).
 fn tone(p: f32) -> f32 {
     return log(1.0 + MU * p) / LN_1P_MU;
 }

@@ -1,4 +1,4 @@
-//! The box filter, the baseline that every figure of quality is held against (DESIGN §4).
+//! The box filter, the baseline that every figure of quality is held against (design §4).
 
 use rayon::prelude::*;
 

@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use pix2hdr::Result;
 use pix2hdr::network::Model;
 use pix2hdr::quality::{Method, Suite, SuiteReport};
 use pix2hdr::scene::Panorama;
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
+use pix2hdr::{Error, Result};
+use serde_json::json;
 
 use super::options::Engine;
 use super::scene::at_least_one;
@@ -64,7 +65,11 @@ impl SuiteCommand {
         let bar = terminal::progress(Suite::clips(panoramas.len()), "clips");
         let report = suite.run(&panoramas, &mut methods, |done| bar.set_position(done as u64))?;
         bar.finish_and_clear();
-        terminal::result(self.json, &report, || table(&report, &methods))
+        let mut json = serde_json::to_value(&report).map_err(|e| Error::Usage(e.to_string()))?;
+        json["ran_on"] = json!(backend.adapter().unwrap_or_else(|| backend.name().to_owned()));
+        terminal::result(self.json, &json, || {
+            format!("{}\nran on {}", table(&report, &methods), json["ran_on"])
+        })
     }
 }
 

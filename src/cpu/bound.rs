@@ -1,4 +1,4 @@
-//! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (DESIGN §7).
+//! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (design §7).
 //!
 //! A bound holds for one step on given inputs, at any executor that stores tensors and weights with unit round-off
 //! `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to 2⁻²¹ on [0.5, 2]
@@ -19,7 +19,7 @@ pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
 /// Unit round-off of tensors that are stored as f16.
 pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
 
-/// The c of DESIGN §7. It covers second-order terms, and one more rounding to the storage precision, such as that
+/// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as that
 /// of products in f16.
 const SLACK: f64 = 2.0;
 

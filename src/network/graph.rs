@@ -65,7 +65,7 @@ pub type Block = [usize; 3];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "op", rename_all = "snake_case")]
 pub enum Op {
-    /// The box filter of DESIGN §4.
+    /// The box filter of design §4.
     BoxEstimate,
     /// Input normalisation, and folding of blocks into channels.
     Features {

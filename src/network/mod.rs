@@ -19,7 +19,7 @@ pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;
 
-/// Pixel value from which a read-out counts as saturated (DESIGN §4, box filter).
+/// Pixel value from which a read-out counts as saturated (design §4, box filter).
 pub const SATURATED: f64 = 0.98;
 
 /// What can be wrong with a graph or a weights file.

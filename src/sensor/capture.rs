@@ -1,4 +1,4 @@
-//! Captures: the read-outs of one recording with what is needed to interpret them (DESIGN §8).
+//! Captures: the read-outs of one recording with what is needed to interpret them (design §8).
 
 use std::path::{Path, PathBuf};
 

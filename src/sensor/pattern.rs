@@ -1,4 +1,4 @@
-//! Sampling patterns: which pixel integrates when (DESIGN §3).
+//! Sampling patterns: which pixel integrates when (design §3).
 
 use std::path::Path;
 
@@ -205,7 +205,7 @@ impl Pattern {
         self.cells.iter().flat_map(|cell| &cell.shutters)
     }
 
-    /// Shortest exposure in frames. The sensor saturates where x reaches it (DESIGN §2, x_sat).
+    /// Shortest exposure in frames. The sensor saturates where x reaches it (design §2, x_sat).
     pub fn shortest_exposure(&self) -> usize {
         self.shutters().map(Shutter::exposure).min().unwrap_or(1)
     }
@@ -347,7 +347,7 @@ mod tests {
         }
     }
 
-    /// DESIGN §3: exactly one kind of pixel reads out in each millisecond, in this order.
+    /// design §3: exactly one kind of pixel reads out in each millisecond, in this order.
     #[test]
     fn mpve_reads_out_one_kind_per_frame() {
         let pattern = Pattern::built_in("mpve-1-4").unwrap();

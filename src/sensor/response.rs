@@ -1,4 +1,4 @@
-//! Response curves R from exposure to pixel value, with true inverses (DESIGN §2).
+//! Response curves R from exposure to pixel value, with true inverses (design §2).
 
 use std::path::Path;
 

@@ -11,7 +11,7 @@ use crate::Result;
 use crate::video::Video;
 use crate::video::npy::Counts;
 
-/// Shot noise and read noise, both in electrons (DESIGN §2).
+/// Shot noise and read noise, both in electrons (design §2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
     /// Electrons at y = 1. Infinity: no noise at all.

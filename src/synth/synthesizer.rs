@@ -76,14 +76,18 @@ impl Synthesizer {
         model.graph.check_renders_video()?;
         let grid = Grid::fit(model, &calibration, extent, backend.limits(side))?;
         let mut executors: Vec<([usize; 2], Box<dyn Executor>)> = Vec::new();
+        let mut flop_of_size = Vec::new();
         let mut flop = 0.0;
         for (row, col) in grid.tiles() {
             let size = [row.outer_len, col.outer_len];
+            if let Some(known) = executors.iter().position(|(known, _)| *known == size) {
+                flop += flop_of_size[known];
+                continue;
+            }
             let plan = Plan::lower(model, size[0], size[1])?;
             flop += plan.flop();
-            if executors.iter().all(|(known, _)| *known != size) {
-                executors.push((size, backend.executor(plan, &calibration)?));
-            }
+            flop_of_size.push(plan.flop());
+            executors.push((size, backend.executor(plan, &calibration)?));
         }
         let window = model.graph.window;
         Ok(Self { window, calibration, extent, grid, executors, flop: flop / window.hop as f64 })

@@ -1,4 +1,4 @@
-//! HDR videos and the files that hold them (DESIGN §8).
+//! HDR videos and the files that hold them (design §8).
 
 pub mod atomic;
 mod cube;

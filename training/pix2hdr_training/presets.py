@@ -73,7 +73,7 @@ def fast(
 
 
 def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper", exposures=(2, 4, 8), weight_floor=1e-3):
-    """The paper's LDR-net, inverse response, HDR-net and fusion, with DESIGN §4's settlements.
+    """The paper's LDR-net, inverse response, HDR-net and fusion, with design §4's settlements.
 
     Where the text is silent: every encoder convolution is followed by LeakyReLU and norm, the transposed
     convolutions by neither (the paper puts them behind the 3×3×3 convolution); a residual module is convolution →
