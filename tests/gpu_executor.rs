@@ -34,6 +34,19 @@ fn repeated_runs_give_the_same_bits() {
     assert!(run(&mut fresh, &plan, &first, 0) == expected);
 }
 
+/// Tiles of different sizes may get different blocks, and must fit together.
+#[test]
+fn blocks_do_not_change_the_result() {
+    let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
+    let measurement = measurement(&plan, 1);
+    let results = [[1, 1], [4, 1], [8, 2], [16, 2]].map(|block| {
+        let overrides = Overrides { block: Some(block), edit: None };
+        let executor = GpuExecutor::with_overrides(gpu(), plan.clone(), &calibration(), &overrides);
+        run(&mut executor.unwrap(), &plan, &measurement, 0)
+    });
+    assert!(results.iter().all(|result| *result == results[0]));
+}
+
 #[test]
 fn the_result_is_that_of_the_cpu_executor() {
     let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();

@@ -342,7 +342,7 @@ fn broken_shaders_are_caught() {
         ("conv3d", "tap_y - PADDING_Y", "tap_y - PADDING_Y + 1"),
         ("conv3d", "tap_t * KERNEL_Y + tap_y", "tap_y * KERNEL_T + tap_t"),
         ("conv3d", "in_x_0 >= 0", "in_x_0 >= -1"),
-        ("conv3d", "column_0.y * weight_1_0_0", "column_0.y * weight_0_0_0"),
+        ("conv3d", "vec4<f32>(column_0.y), weight_1_0_0", "vec4<f32>(column_0.y), weight_0_0_0"),
         ("conv3d", "terms[WEIGHT_VECTORS + vector]", "terms[vector]"),
         ("conv3d", "pixel * ADDED_STRIDE", "(pixel + 1) * ADDED_STRIDE"),
         ("conv3d", "max(v, vec4<f32>())", "v"),
