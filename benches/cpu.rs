@@ -1,8 +1,8 @@
 //! Where the time of a net goes on the CPU: a table of its steps.
 //!
-//! `cargo bench --bench cpu -- [PRESET …] [--size HEIGHTxWIDTH] [--threads N]`, by default all presets, 128×128
-//! pixels, all threads.
-//! Each time is the shortest of several windows, as other programs only ever make a step slower.
+//! `cargo bench --bench cpu -- [PRESET …] [--size HEIGHTxWIDTH] [--threads N]`, by default all presets,
+//! 128×128 pixels, all threads. Each time is the shortest of several windows, as other programs only ever
+//! make a step slower.
 
 use std::time::{Duration, Instant};
 

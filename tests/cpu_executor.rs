@@ -71,6 +71,25 @@ const FOLDED: &str = r#"{"version": 1, "name": "folded", "pattern": "any",
      "stride": [1, 1, 1], "activation": "none"},
     {"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [4, 2, 4], "start": 2}]}"#;
 
+/// Concatenations that cannot all be written in place: nested, of the same tensor twice, of a tensor that
+/// another one has, of a tensor and what reads it.
+const DENSE: &str = r#"{"version": 1, "name": "dense", "pattern": "any",
+    "window": {"frames": 3, "lead": 0, "hop": 3}, "output": "result", "nodes": [
+    {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+    {"name": "features", "op": "features", "inputs": ["measurement", "estimate"], "block": [1, 1, 2],
+     "channels": ["log_irradiance", "log_estimate"]},
+    {"name": "a", "op": "conv3d", "inputs": ["features"], "out_channels": 8, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "b", "op": "conv3d", "inputs": ["a"], "out_channels": 8, "kernel": [3, 1, 3],
+     "stride": [1, 1, 1], "activation": "none", "add": "a"},
+    {"name": "both", "op": "concat", "inputs": ["features", "a", "b"]},
+    {"name": "c", "op": "conv3d", "inputs": ["both"], "out_channels": 4, "kernel": [1, 3, 1],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.1}},
+    {"name": "nested", "op": "concat", "inputs": ["c", "both", "a", "c"]},
+    {"name": "d", "op": "conv3d", "inputs": ["nested"], "out_channels": 5, "kernel": [3, 3, 3],
+     "stride": [1, 1, 1], "activation": "sigmoid"},
+    {"name": "result", "op": "concat", "inputs": ["c", "d"]}]}"#;
+
 fn nets() -> Vec<(Model, [usize; 2])> {
     vec![
         (model(U_NET, 1), [12, 14]),
@@ -78,6 +97,7 @@ fn nets() -> Vec<(Model, [usize; 2])> {
         (model(U_NET, 3), [22, 70]),
         (model(FOLDED, 4), [2, 4]),
         (model(FOLDED, 5), [34, 52]),
+        (model(DENSE, 6), [5, 14]),
     ]
 }
 

@@ -1,8 +1,8 @@
 //! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (design §7).
 //!
-//! A bound holds for one step on given inputs, at any executor that stores tensors and weights with unit round-off
-//! `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to 2⁻²¹ on [0.5, 2]
-//! and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
+//! A bound holds for one step on given inputs, at any executor that stores tensors and weights with unit
+//! round-off `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to
+//! 2⁻²¹ on [0.5, 2] and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
 
 use std::f64::consts::LN_2;
 use std::sync::Arc;
@@ -19,8 +19,8 @@ pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
 /// Unit round-off of tensors that are stored as f16.
 pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
 
-/// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as that
-/// of products in f16.
+/// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as
+/// that of products in f16.
 const SLACK: f64 = 2.0;
 
 /// Unit round-off of the arithmetic.
@@ -34,7 +34,8 @@ const LOG_NEAR_ONE: f64 = 8.0 * U;
 
 /// Bounds each value's error of one kernel call.
 ///
-/// `inputs` are the tensors as the step read them, and `output` is what [`evaluate`](super::evaluate) makes of them at f64.
+/// `inputs` are the tensors as the step read them, and `output` is what [`evaluate`](super::evaluate) makes
+/// of them at f64.
 pub fn bound(
     kernel: &Kernel,
     inputs: &[Tensor<f64>],
@@ -192,8 +193,8 @@ fn convolution_error(
                 let steepest = (slope.abs() as f64).max(1.0);
                 (steepest * sum + U * steepest * magnitude, steepest * magnitude)
             }
-            // With s the result, the error of exp adds at most s(1 − s)(3 + 2|v|) ULP, which is below 1.25 ULP;
-            // 1 + e half, and the quotient 2.5 ULP.
+            // With s the result, the error of exp adds at most s(1 − s)(3 + 2|v|) ULP, which is below 1.25
+            // ULP; 1 + e half, and the quotient 2.5 ULP.
             Activation::Sigmoid => (0.25 * sum + 5.0 * ULP, 1.0),
             // The error of exp adds at most e^−|v| (3 + 2|v|) ≤ 3 ULP, 1 + e half; then log, and two sums.
             Activation::Softplus(floor) => {

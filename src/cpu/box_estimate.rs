@@ -19,8 +19,8 @@ pub fn run<R: Real>(
     });
 }
 
-/// The weighted mean over the 3×3 neighbours, borders mirrored, saturated pixels left out unless all nine are.
-/// `values` writes the values along row y of frame t.
+/// The weighted mean over the 3×3 neighbours, borders mirrored, saturated pixels left out unless all nine
+/// are. `values` writes the values along row y of frame t.
 pub(super) fn box_filter<R: Real>(
     measurement: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,

@@ -1,7 +1,7 @@
 //! `conv_transpose3d`: transposed convolution, then the epilogue.
 //!
-//! Input i adds to the results o = i·stride − padding + k. So the results of one phase, o mod stride, take every
-//! stride-th k only, and are a convolution with stride 1 of their own.
+//! Input i adds to the results o = i·stride − padding + k. So the results of one phase, o mod stride, take
+//! every stride-th k only, and are a convolution with stride 1 of their own.
 
 use super::Real;
 use super::convolution::{Axis, Packed, Phase};

@@ -1,10 +1,10 @@
 //! What [`conv3d`](super::conv3d) and [`conv_transpose3d`](super::conv_transpose3d) share: both are sums over
 //! windows of the input, followed by the epilogue.
 //!
-//! Results are computed in blocks of a few rows of one frame. The pixels that a block depends on are gathered into
-//! scratch memory, padded with zeros. There, the taps along x of a pixel and their channels are one run of
-//! neighbouring values, so that the sum is a product of short runs with packed weights ([`super::gemm`]), without
-//! an im2col copy.
+//! Results are computed in blocks of a few rows of one frame. The pixels that a block depends on are gathered
+//! into scratch memory, padded with zeros. There, the taps along x of a pixel and their channels are one run
+//! of neighbouring values, so that the sum is a product of short runs with packed weights ([`super::gemm`]),
+//! without an im2col copy.
 
 use super::gemm::{Product, Segment, Tile};
 use super::view::{Rows, Scratch, positions};
@@ -17,11 +17,12 @@ const BLOCK: usize = 192;
 /// Columns of a block at most.
 const BLOCK_COLUMNS: usize = 64;
 
-/// Values of a pixel that are multiplied in one go: that many rows of a panel should stay in the first-level cache.
+/// Values of a pixel that are multiplied in one go: that many rows of a panel should stay in the first-level
+/// cache.
 const DEPTH: usize = 256;
 
-/// Which inputs the results along one axis depend on. Results at positions o ≡ i (mod n) are of phase i, where n
-/// is the number of phases.
+/// Which inputs the results along one axis depend on. Results at positions o ≡ i (mod n) are of phase i,
+/// where n is the number of phases.
 #[derive(Clone, Debug)]
 pub struct Axis {
     /// Inputs between neighbouring results of a phase.
@@ -72,8 +73,8 @@ impl Axis {
 }
 
 impl<R: Real> Packed<R> {
-    /// Packs the weights of a layer. `weight` gives the weight from in channel i to out channel o, for a phase and
-    /// a tap of it along t, y and x.
+    /// Packs the weights of a layer. `weight` gives the weight from in channel i to out channel o, for a
+    /// phase and a tap of it along t, y and x.
     pub fn new(
         step: &ConvolutionStep,
         axes: [Axis; 3],

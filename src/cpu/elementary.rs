@@ -1,5 +1,5 @@
-//! ln(1 + v) and eᵛ − 1 in f32, without branches and calls: loops over them become vector code, which is several
-//! times faster than the standard library's, and is accurate to a few ULP.
+//! ln(1 + v) and eᵛ − 1 in f32, without branches and calls: loops over them become vector code, which is
+//! several times faster than the standard library's, and is accurate to a few ULP.
 
 use std::f32::consts::{LN_2, LOG2_E};
 

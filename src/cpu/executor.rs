@@ -11,8 +11,8 @@ use crate::{Error, Result};
 
 /// Runs one plan with the CPU kernels, on all threads of the `rayon` pool that it is called from.
 ///
-/// Weights are packed and all tensors are allocated once, when it is made. Results do not depend on the number of
-/// threads.
+/// Weights are packed and all tensors are allocated once, when it is made. Results do not depend on the
+/// number of threads.
 #[derive(Debug)]
 pub struct CpuExecutor<R> {
     plan: Plan,

@@ -45,8 +45,8 @@ pub fn run<R: Real>(
     });
 }
 
-/// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block. `values` writes a channel
-/// along row y of frame t.
+/// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block. `values` writes a
+/// channel along row y of frame t.
 pub(super) fn fold<R: Real>(
     channels: &[Feature],
     [bt, by, bx]: Block,

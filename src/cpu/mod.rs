@@ -1,7 +1,8 @@
 //! The CPU executor: one twin for each kernel, generic over f32 and f64.
 //!
-//! At f64 it is the oracle that other executors are compared with ([`evaluate`], [`bound`]), at f32 the fallback
-//! for machines without a GPU. Kernels are the files named like the shaders; [`CpuExecutor`] runs a plan with them.
+//! At f64 it is the oracle that other executors are compared with ([`evaluate`], [`bound`]), at f32 the
+//! fallback for machines without a GPU. Kernels are the files named like the shaders; [`CpuExecutor`] runs a
+//! plan with them.
 
 pub mod bound;
 mod box_estimate;
@@ -30,7 +31,8 @@ use view::{ScratchPool, TensorView, TensorViewMut};
 
 /// Runs one kernel on dense tensors, which must have the shapes that the kernel wants.
 ///
-/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the window's first frame.
+/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the window's first
+/// frame.
 pub fn evaluate<R: Real>(
     kernel: &Kernel,
     inputs: &[Tensor<R>],

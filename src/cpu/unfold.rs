@@ -20,8 +20,8 @@ pub fn run<R: Real>(
     });
 }
 
-/// Pixel (dt, dy, dx) of a block is channel (dt·by + dy)·bx + dx. `finish` turns the values along row y of frame t
-/// into results.
+/// Pixel (dt, dy, dx) of a block is channel (dt·by + dy)·bx + dx. `finish` turns the values along row y of
+/// frame t into results.
 pub(super) fn unfold<R: Real>(
     [bt, by, bx]: Block,
     blocks: TensorView<'_, R>,

@@ -1,9 +1,9 @@
 //! Lowering: a model becomes an ordered list of steps over a few buffers that are reused.
 //!
-//! Every tensor lives in a *slot*, a buffer of its own. Tensors whose lifetimes do not overlap share a slot. The
-//! inputs of a concatenation are written straight into the channels of the result, so it costs nothing. A step
-//! never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the GPU. Where
-//! that keeps a tensor out of a concatenation, it is copied there.
+//! Every tensor lives in a *slot*, a buffer of its own. Tensors whose lifetimes do not overlap share a slot.
+//! The inputs of a concatenation are written straight into the channels of the result, so it costs nothing. A
+//! step never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the
+//! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -257,6 +257,7 @@ fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str
         for input in &concat.inputs {
             let alone = matches!(nodes[input.as_str()].op, Op::Concat)
                 || part_of.contains_key(input.as_str())
+                || concat.inputs.iter().filter(|other| *other == input).count() > 1
                 || written.iter().any(|part| reads(part, input) || reads(input, part));
             if !alone {
                 part_of.insert(input, (index, channel));
@@ -268,8 +269,8 @@ fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str
     part_of
 }
 
-/// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with the
-/// identity, which are exact at any precision.
+/// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with
+/// the identity, which are exact at any precision.
 fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut channel = 0;
