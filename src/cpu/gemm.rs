@@ -120,8 +120,9 @@ fn multiply_tiles<R: Copy, const PIXELS: usize, const WIDTH: usize>(
         for segment in product.segments {
             let (weights, behind) = rest.split_at(segment.len);
             rest = behind;
+            // `from_fn`, unlike `map`, leaves the compiler one check of `k` for all of these.
             let values: [&[R]; PIXELS] =
-                pixels.map(|pixel| &product.values[pixel + segment.offset..][..weights.len()]);
+                std::array::from_fn(|i| &product.values[pixels[i] + segment.offset..][..weights.len()]);
             for (k, weights) in weights.iter().enumerate() {
                 for (tile, values) in tile.iter_mut().zip(values) {
                     let value = values[k];
