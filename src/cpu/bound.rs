@@ -19,8 +19,8 @@ pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
 /// Unit round-off of tensors that are stored as f16.
 pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
 
-/// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as that
-/// of products in f16.
+/// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as
+/// that of products in f16.
 const SLACK: f64 = 2.0;
 
 /// Unit round-off of the arithmetic.
