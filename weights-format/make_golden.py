@@ -200,10 +200,53 @@ def other_cases() -> list[Case]:
     return cases
 
 
+def time_folded(
+    width=96,
+    blocks=4,
+    *,
+    name="fast",
+    pattern="mpve-1-4",
+    window=(16, 4, 8),
+    fold=(2, 4),
+    channels=("log_irradiance", "log_estimate"),
+    entry_kernel=(1, 1, 1),
+):
+    """A net with all of a window's time in channels: it has what the presets lack, blocks in time and `start`."""
+    frames, lead, hop = window
+    k = (1, 3, 3)
+    nodes = [
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {
+            "name": "features",
+            "op": "features",
+            "inputs": ["measurement", "estimate"],
+            "channels": list(channels),
+            "block": [frames, *fold],
+        },
+        presets.conv("entry", "features", width, entry_kernel, activation=presets.LEAKY),
+        presets.conv("head", "entry", width, k, activation=presets.LEAKY),
+    ]
+    last = "head"
+    for i in range(1, blocks + 1):
+        nodes.append(presets.conv(f"block{i}a", last, width, k, activation=presets.LEAKY))
+        nodes.append(presets.conv(f"block{i}b", f"block{i}a", width, k, add=last))
+        last = f"block{i}b"
+    nodes.append(presets.conv("tail", last, hop * fold[0] * fold[1], k))
+    nodes.append({"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [hop, *fold], "start": lead})
+    return {
+        "version": 1,
+        "name": name,
+        "pattern": pattern,
+        "window": {"frames": frames, "lead": lead, "hop": hop},
+        "nodes": nodes,
+        "output": "radiance",
+    }
+
+
 def net_cases() -> list[Case]:
     """Small whole nets of the presets' make."""
-    narrow = presets.fast(12, 1, name="fast_narrow")
-    wide = presets.fast(7, 2, name="fast_all_features", window=(8, 2, 4), fold=(2, 2), channels=ALL_CHANNELS)
+    narrow = time_folded(12, 1, name="fast_narrow")
+    wide = time_folded(7, 2, name="fast_all_features", window=(8, 2, 4), fold=(2, 2), channels=ALL_CHANNELS)
     ldr_hdr = presets.paper((4, 8, 12), 2, 4, name="paper_narrow")
     return [
         Case("net_fast", narrow, 14, 20, gain=0.6),

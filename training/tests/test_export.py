@@ -25,7 +25,7 @@ def load_script(name):
     return module
 
 
-@pytest.mark.parametrize("graph", [presets.fast(8, 1), presets.paper((4, 4, 8), 1, 4)], ids=["fast", "paper"])
+@pytest.mark.parametrize("graph", [presets.fast(8, (3, 1, 3, 1), hop=8), presets.paper((4, 4, 8), 1, 4)], ids=["fast", "paper"])
 def test_exported_net_gives_the_same_output(graph, tmp_path):
     torch.manual_seed(0)
     net = GraphNet(graph, LINEAR).train()
@@ -48,7 +48,7 @@ def test_exported_net_gives_the_same_output(graph, tmp_path):
 
 
 def test_what_is_not_finite_is_not_written(tmp_path):
-    net = GraphNet(presets.fast(4, 1), LINEAR)
+    net = GraphNet(presets.fast(4, (3, 1, 3, 1), hop=8), LINEAR)
     with torch.no_grad():
         net.layers["tail"].bias[3] = 1e6
     with pytest.raises(ValueError, match="tail.bias.*float16"):

@@ -87,17 +87,17 @@ def window_of(graph, height, width, seed=0):
 
 
 def test_fast_with_a_zero_tail_is_the_box_estimate():
-    graph = presets.fast(8, 1)
+    graph = presets.fast(8, (3, 1, 3, 1), hop=8)
     net = GraphNet(graph, InverseResponse.of_linear(2.0)).eval()
     with torch.no_grad():
         net.layers["tail"].weight.zero_()
         y, e = window_of(graph, 8, 12)
         result = net.result(net(y, e))
-        torch.testing.assert_close(result[:, 0], box_estimate(y, e, net.inverse)[:, 4:12], rtol=2e-5, atol=1e-6)
+        torch.testing.assert_close(result[:, 0], box_estimate(y, e, net.inverse)[:, 2:10], rtol=2e-5, atol=1e-6)
 
 
 def test_unfold_clamps_in_eval_mode_only():
-    graph = presets.fast(8, 1)
+    graph = presets.fast(8, (3, 1, 3, 1), hop=8)
     net = GraphNet(graph, InverseResponse.of_linear(2.0))
     y, e = window_of(graph, 8, 12)
     with torch.no_grad():
@@ -108,9 +108,9 @@ def test_unfold_clamps_in_eval_mode_only():
 
 def test_both_ways_of_convolving_agree():
     """The 2D path of T = 1 and PyTorch's conv3d."""
-    graph = presets.fast(8, 1)
+    graph = presets.fast(8, (3, 1, 3, 1), hop=8)
     net = GraphNet(graph, InverseResponse.of_linear(2.0)).double()
-    layer = net.layers["head"]
+    layer = net.layers["block1a"]
     x = torch.randn(2, 8, 1, 5, 7, dtype=torch.float64)
     direct = torch.nn.functional.conv3d(x, layer.weight, layer.bias, padding=(0, 1, 1))
     torch.testing.assert_close(layer(x, None), torch.nn.functional.leaky_relu(direct, 0.2))
@@ -137,24 +137,26 @@ def test_presets_are_valid_and_written(name):
 
 
 def test_cost_counts_what_the_formula_says():
-    """fast: 2·(entry + (1 + 2·blocks)·3×3 + tail) per position, 1/8 of the pixels, 8 frames a window."""
-    w, blocks = 96, 4
-    macs = 256 * w + (1 + 2 * blocks) * 9 * w * w + 9 * w * 64
-    assert layout.gflop_per_frame(presets.fast(w, blocks)) == pytest.approx(2e-9 * macs * 128 * 128 / 8 / 8)
+    """fast: 2·9·(entry + block + tail) per position, 1/8 of the pixels, 3 frames of lead at both ends of a window."""
+    w, hop = 16, 8
+    macs = 9 * (3 * 24 * w + (1 + 3) * w * w + 3 * w * 8)
+    graph = presets.fast(w, (3, 1, 3, 3), hop=hop)
+    assert graph["window"] == {"frames": hop + 6, "lead": 3, "hop": hop}
+    assert layout.gflop_per_frame(graph) == pytest.approx(2e-9 * macs * 128 * 128 / 8 * (hop + 6) / hop)
     assert layout.gflop_per_frame(presets.PRESETS["tiny"]()) <= 0.1
 
 
 def test_wrong_graphs_are_refused():
-    graph = presets.fast(8, 1)
+    graph = presets.fast(8, (3, 1, 3, 1), hop=8)
     graph["nodes"][-1]["inputs"] = ["nowhere", "estimate"]
     with pytest.raises(layout.GraphError, match="radiance.*nowhere"):
         GraphNet(graph, InverseResponse.of_linear(2.0))
-    graph = presets.fast(8, 1)
+    graph = presets.fast(8, (3, 1, 3, 1), hop=8)
     graph["nodes"][-1]["block"] = [8, 2, 2]
     with pytest.raises(layout.GraphError, match="radiance"):
         layout.shapes(graph, 8, 8)
     with pytest.raises(layout.GraphError, match="granularity"):
-        layout.shapes(presets.fast(8, 1), 7, 8)
+        layout.shapes(presets.fast(8, (3, 1, 3, 1), hop=8), 7, 8)
 
 
 def test_paper_runs_and_its_weights_are_positive():

@@ -17,7 +17,7 @@ from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main
 from pix2hdr_training.validate import validate
 from test_export import load_script
 
-SMALL = {"fast": presets.fast(8, 1), "paper": presets.paper((4, 4, 8), 1, 4)}
+SMALL = {"fast": presets.fast(8, (3, 1, 3, 1), hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
 
 
 def fake_vgg(folder):
@@ -36,12 +36,12 @@ def fake_vgg(folder):
 def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
     data = Dataset(data_folder)
     crops = Crops(data, SMALL["fast"], 6, 16, 3)
-    assert crops.starts == [0, 8]  # (4 + start + 4) divisible by 8
+    assert crops.starts == [2, 10]  # (4 + start + 2) divisible by 8
     assert data.window_starts(SMALL["paper"]["window"]) == [2, 6, 10, 14]
     a, b, c = crops(5), crops(5), crops(6)
     assert torch.equal(a.measurement, b.measurement) and torch.equal(a.truth, b.truth)
     assert not torch.equal(a.measurement, c.measurement)
-    assert a.measurement.shape == (6, 16, 16, 16) and a.truth.shape == (6, 8, 16, 16)
+    assert a.measurement.shape == (6, 12, 16, 16) and a.truth.shape == (6, 8, 16, 16)
     # Pixels of exposure 8 hold one value over a whole read-out, so the exposure table lies right.
     long = a.exposure[0, 0] == 8
     for frames in (slice(4, 8), slice(8, 12)):
