@@ -1,5 +1,6 @@
 //! What the user sees while a command runs: messages and progress on standard error, results on standard output.
 
+use std::io::Write;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -30,10 +31,14 @@ pub fn warn(message: &str) {
 
 /// Prints a result: one JSON object if `json`, else what `text` says.
 pub fn result(json: bool, value: &impl Serialize, text: impl FnOnce() -> String) -> Result<()> {
-    if json {
-        println!("{}", serde_json::to_string_pretty(value).map_err(|e| Error::Usage(e.to_string()))?);
+    let text = if json {
+        serde_json::to_string_pretty(value).map_err(|e| Error::Usage(e.to_string()))?
     } else {
-        println!("{}", text());
+        text()
+    };
+    match writeln!(std::io::stdout(), "{text}") {
+        // Whoever reads has seen enough.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        outcome => Ok(outcome?),
     }
-    Ok(())
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::mpsc::{self, Receiver};
+use std::time::Duration;
 
 use wgpu::{BufferUsages, MapMode};
 
@@ -274,10 +275,14 @@ impl Executor for GpuExecutor {
     }
 }
 
+/// How long another thread may take to report a finished map before it counts as failed.
+const CALLBACK_TIME: Duration = Duration::from_secs(10);
+
 impl Download {
     /// Shows the values without padding channels. The submission must be done.
     fn read(&self, gpu: &Gpu, visit: impl FnOnce(&mut dyn Iterator<Item = f32>)) -> Result<(), GpuError> {
-        match self.mapped.try_recv() {
+        // Where several threads wait on one device, another one may be about to make the call that reports this map.
+        match self.mapped.recv_timeout(CALLBACK_TIME) {
             Ok(Ok(())) => {}
             outcome => {
                 gpu.check()?;
