@@ -7,7 +7,7 @@ use clap::Args;
 use pix2hdr::baseline::box_filter;
 use pix2hdr::quality::{Panel, Plot, compare};
 use pix2hdr::scene::procedural;
-use pix2hdr::sensor::Calibration;
+use pix2hdr::sensor::Capture;
 use pix2hdr::synth::check_fits;
 use pix2hdr::video::{self, Video, Writing};
 use pix2hdr::{Error, Result};
@@ -85,7 +85,7 @@ impl Demo {
             .row("truth", panels(&truth))
             .write(add("contact-sheet.png"))?;
         let pixel = liveliest(&truth);
-        self.time_series(pixel, [&filtered, &result, &truth], &capture.measurement(), &calibration).write(
+        Self::time_series(pixel, [&filtered, &result, &truth], &capture).write(
             add("time-series.png"),
             960,
             480,
@@ -112,23 +112,18 @@ impl Demo {
     }
 
     /// Irradiance of one pixel over time.
-    fn time_series(
-        &self,
-        pixel: usize,
-        [filtered, result, truth]: [&Video; 3],
-        measurement: &Video,
-        calibration: &Calibration,
-    ) -> Plot {
+    fn time_series(pixel: usize, [filtered, result, truth]: [&Video; 3], capture: &Capture) -> Plot {
         let (y, x) = (pixel / truth.width, pixel % truth.width);
+        let measurement = capture.measurement();
         let series = |video: &Video| -> Vec<(f64, f64)> {
             (0..video.frames).map(|t| (t as f64, f64::from(video.frame(t)[pixel]))).collect()
         };
         let own = |(t, value): (f64, f64)| {
-            let exposure = calibration.exposure(self.camera.schedule_start + t as i64, y, x);
-            (t, f64::from(calibration.exposure_value(value as f32)) / f64::from(exposure))
+            let covering = capture.pattern.cell(y, x).covering(capture.info.schedule_start + t as i64);
+            (t, capture.response.exposure(value) / covering.shutter.exposure() as f64)
         };
         Plot::new(format!("irradiance of the pixel in row {y}, column {x}"), "time / ms", "p")
-            .series("raw / exposure", series(measurement).into_iter().map(own))
+            .series("raw / exposure", series(&measurement).into_iter().map(own))
             .series("box filter", series(filtered))
             .series("pix2hdr", series(result))
             .series("truth", series(truth))

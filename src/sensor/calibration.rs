@@ -49,13 +49,4 @@ impl Calibration {
         let t = t.rem_euclid(self.period as i64) as usize;
         &self.exposures[(t * self.rows + y % self.rows) * self.cols..][..self.cols]
     }
-
-    /// R⁻¹(y) in p·frames.
-    pub fn exposure_value(&self, y: f32) -> f32 {
-        let intervals = self.inverse_response.len() - 1;
-        let position = y.clamp(0.0, 1.0) * intervals as f32;
-        let index = (position as usize).min(intervals - 1);
-        let (below, above) = (self.inverse_response[index], self.inverse_response[index + 1]);
-        below + (position - index as f32) * (above - below)
-    }
 }

@@ -1,5 +1,7 @@
 //! Real recordings: timing, and a check for the most common mistake.
 
+use std::borrow::Cow;
+
 use super::{Capture, Timing};
 
 /// Pixel values between which the exposure ratio is judged: above noise and black-level error, below the knee of
@@ -16,11 +18,11 @@ const ENOUGH: usize = 64;
 ///
 /// Read-outs that end behind the last frame are not known: their frames keep the last value that is.
 #[must_use]
-pub fn hold_to_covering(capture: &Capture) -> Capture {
-    let mut covering = capture.clone();
+pub fn hold_to_covering(capture: &Capture) -> Cow<'_, Capture> {
     if capture.info.timing == Timing::Covering {
-        return covering;
+        return Cow::Borrowed(capture);
     }
+    let mut covering = capture.clone();
     let (len, width) = (capture.height * capture.width, capture.width);
     covering.counts = capture.counts.gather(|i| {
         let (t, pixel) = (i / len, i % len);
@@ -29,7 +31,7 @@ pub fn hold_to_covering(capture: &Capture) -> Capture {
         (end as usize).min(capture.frames - 1) * len + pixel
     });
     covering.info.timing = Timing::Covering;
-    covering
+    Cow::Owned(covering)
 }
 
 /// How the values of static pixels scale with their exposure.
@@ -143,7 +145,8 @@ mod tests {
         sampler.noise = super::super::Noise::NONE;
         let covering = sampler.sample(&video).unwrap().measurement();
         sampler.timing = Timing::Hold;
-        let converted = hold_to_covering(&sampler.sample(&video).unwrap());
+        let held = sampler.sample(&video).unwrap();
+        let converted = hold_to_covering(&held);
         let longest = converted.pattern.longest_readout();
         let measurement = converted.measurement();
         for t in 0..40 - longest {

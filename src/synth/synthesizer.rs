@@ -7,7 +7,7 @@ use super::Backend;
 use super::tiles::{Grid, Stretch};
 use super::windows;
 use crate::network::{Executor, Model, Plan, Window};
-use crate::sensor::{Calibration, Capture, SensorError, Timing, hold_to_covering};
+use crate::sensor::{Calibration, Capture, SensorError, hold_to_covering};
 use crate::video::Video;
 use crate::{Error, Result};
 
@@ -110,14 +110,7 @@ impl Synthesizer {
             )
             .into());
         }
-        let converted;
-        let capture = match capture.info.timing {
-            Timing::Covering => capture,
-            Timing::Hold => {
-                converted = hold_to_covering(capture);
-                &converted
-            }
-        };
+        let capture = &*hold_to_covering(capture);
         let start = capture.info.schedule_start;
         let all = windows::covering(self.window, start, capture.frames);
         let mut report = Report {
