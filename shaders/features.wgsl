@@ -5,20 +5,16 @@
 
 @group(0) @binding(0) var<storage, read> measurement: array<f32>;
 @group(0) @binding(1) var<storage, read> estimate: array<f32>;
-@group(0) @binding(2) var<storage, read_write> output: array<vec4<f32>>;
-@group(0) @binding(3) var<storage, read> inverse_response_table: array<f32>;
-@group(0) @binding(4) var<storage, read> exposures: array<f32>;
-@group(0) @binding(5) var<uniform> schedule: vec4<u32>;
+@group(0) @binding(2) var<storage, read> logs: array<f32>;
+@group(0) @binding(3) var<storage, read_write> output: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> inverse_response_table: array<f32>;
+@group(0) @binding(5) var<storage, read> exposures: array<f32>;
+@group(0) @binding(6) var<uniform> schedule: vec4<u32>;
 
 #paste dispatch
 #paste inverse_response
 #paste exposure
 #paste tone
-
-// Which feature channel i of a pixel is: four bits each.
-fn feature_of(i: i32) -> u32 {
-    return (select(FEATURES_0_TO_7, FEATURES_8_TO_15, i >= 8) >> (4u * u32(i % 8))) & 15u;
-}
 
 fn channel_of(channel: i32, t: i32, y: i32, x: i32) -> f32 {
     if (channel >= OUTPUT_C) {
@@ -30,8 +26,15 @@ fn channel_of(channel: i32, t: i32, y: i32, x: i32) -> f32 {
     let pixel_x = x * BLOCK_X + in_block % BLOCK_X;
     let pixel = (pixel_t * MEASUREMENT_Y + pixel_y) * MEASUREMENT_X + pixel_x;
     let measured = measurement[MEASUREMENT_OFFSET + pixel];
-    switch feature_of(channel % CHANNELS) {
+    switch FEATURES[channel % CHANNELS] {
         case LOG_IRRADIANCE: {
+            if (LOGS_GIVEN) {
+                let frame = LEAD + pixel_t + FRAME_OFFSETS[channel % CHANNELS];
+                if (frame < 0 || frame >= LOGS_T) {
+                    return 0.0; // outside of the window
+                }
+                return logs[LOGS_OFFSET + (frame * LOGS_Y + pixel_y) * LOGS_X + pixel_x];
+            }
             return tone(inverse_response_of(measured) / exposure_of(pixel_t, pixel_y, pixel_x));
         }
         case LOG_ESTIMATE: { return tone(estimate[ESTIMATE_OFFSET + pixel]); }

@@ -158,10 +158,12 @@ fn cube(request: &Request, panoramas: &[Arc<Panorama>], index: usize) -> Result<
         read_noise_e: f64::from(draw.log_within(1.0, 8.0)),
     };
     // Most recordings are calibrated well; the others are off in black level and gain, as lossy or drifting ones are.
-    let (black_error, gain_error) = if draw.chance(0.7) {
+    let (black_error, gain_error) = if draw.chance(0.75) {
         (0.0, 0.0)
     } else {
-        (f64::from(draw.within(-0.004, 0.004)), f64::from(draw.within(-0.03, 0.03)))
+        let size = draw.log_within(0.0005, 0.01);
+        let black_error = if draw.chance(0.5) { size } else { -size };
+        (f64::from(black_error), f64::from(draw.within(-0.03, 0.03)))
     };
     let mut sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
     (sampler.noise, sampler.seed, sampler.schedule_start) = (noise, seed, request.schedule_start);

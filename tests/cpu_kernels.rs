@@ -1,7 +1,7 @@
 //! The kernels on pixels, at f64, against their definitions written plainly.
 
 use pix2hdr::cpu::evaluate;
-use pix2hdr::network::{Feature, Kernel, Shape, Tensor};
+use pix2hdr::network::{Channel, Feature, Kernel, Shape, Tensor};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -96,28 +96,45 @@ fn box_estimate_is_a_weighted_mean_of_what_is_not_saturated() {
 #[test]
 fn features_are_folded_blocks_of_channels() {
     let all = [
-        Feature::LogExposure,
-        Feature::Saturated,
-        Feature::LogEstimate,
-        Feature::LogIrradiance,
-        Feature::Measurement,
-    ];
+        (Feature::LogExposure, 0),
+        (Feature::Saturated, 0),
+        (Feature::LogEstimate, 0),
+        (Feature::LogIrradiance, 0),
+        (Feature::LogIrradiance, 2),
+        (Feature::LogIrradiance, -2),
+        (Feature::Measurement, 0),
+    ]
+    .map(|(feature, offset)| Channel { feature, offset });
     let shape = Shape::new([4, 6, 10], 1);
     let y = random(shape, 0.0..1.3, 2).map(|v| v.min(1.0));
     let estimate = random(shape, 0.0..1.0, 3);
-    for (block, channels) in [([1, 1, 1], &all[..]), ([4, 3, 5], &all[2..]), ([2, 6, 1], &all[..1])] {
+    // A frame before the output's four, and two behind them.
+    let (lead, logs) = (1, random(Shape { t: 7, ..shape }, 0.0..1.0, 9));
+    for (block, channels, given) in [
+        ([1, 1, 1], &all[..], true),
+        ([4, 3, 5], &all[2..], true),
+        ([1, 2, 5], &all[..4], false),
+        ([2, 6, 1], &all[..1], false),
+    ] {
         let [bt, by, bx] = block;
         let n = channels.len();
         let output = Shape::new([4 / bt, 6 / by, 10 / bx], n * bt * by * bx);
-        let kernel = Kernel::Features { channels: channels.to_vec(), block };
-        let features = run(&kernel, &[y.clone(), estimate.clone()], output);
+        let kernel = Kernel::Features { channels: channels.to_vec(), block, lead };
+        let mut inputs = vec![y.clone(), estimate.clone()];
+        inputs.extend(given.then(|| logs.clone()));
+        let features = run(&kernel, &inputs, output);
         assert_close(&features, |t, row, column, c| {
             let (dt, dy, dx) = (c / n / bx / by, c / n / bx % by, c / n % bx);
             let (t, row, column) = (t * bt + dt, row * by + dy, column * bx + dx);
             let measured = at(&y, t, row, column, 0);
             let exposure = camera().exposure(SCHEDULE + t as i64, row, column) as f64;
-            match channels[c % n] {
+            let Channel { feature, offset } = channels[c % n];
+            match feature {
                 Feature::Measurement => measured,
+                Feature::LogIrradiance if given => match (t + lead) as i32 + offset {
+                    frame @ 0..7 => at(&logs, frame as usize, row, column, 0),
+                    _ => 0.0,
+                },
                 Feature::LogIrradiance => tone(inverse_response(measured) / exposure),
                 Feature::LogEstimate => tone(at(&estimate, t, row, column, 0)),
                 Feature::Saturated => f64::from(u8::from(measured >= 0.98)),
@@ -125,6 +142,41 @@ fn features_are_folded_blocks_of_channels() {
             }
         });
     }
+}
+
+#[test]
+fn log_irradiance_is_the_tone_of_the_irradiance() {
+    let shape = Shape::new([3, 5, 9], 1);
+    let y = random(shape, 0.0..1.3, 10).map(|v| v.min(1.0));
+    assert_close(&run(&Kernel::LogIrradiance, std::slice::from_ref(&y), shape), |t, row, column, _| {
+        let exposure = camera().exposure(SCHEDULE + t as i64, row, column) as f64;
+        tone(inverse_response(at(&y, t, row, column, 0)) / exposure)
+    });
+}
+
+#[test]
+fn blend_weighs_the_taps_that_lie_inside() {
+    let taps = [[0, 0, 0], [0, -1, 2], [-2, 0, 0], [3, 1, -1], [0, 0, -40]];
+    let (lead, [by, bx], n) = (1, [2, 3], taps.len() + 1);
+    let shape = Shape::new([3, 4, 9], 1);
+    let weights = random(Shape::new([3, 4 / by, 9 / bx], n * by * bx), -0.5..0.5, 11);
+    let logs = random(Shape { t: 6, ..shape }, 0.0..1.0, 12);
+    let estimate = random(shape, 0.0..1.0, 13);
+    let kernel = Kernel::Blend { block: [1, by, bx], taps: taps.to_vec(), lead };
+    let radiance = run(&kernel, &[weights.clone(), logs.clone(), estimate.clone()], shape);
+    assert_close(&radiance, |t, row, column, _| {
+        let first = (row % by * bx + column % bx) * n;
+        let weight = |i: usize| at(&weights, t, row / by, column / bx, first + i);
+        let base = tone(at(&estimate, t, row, column, 0));
+        let mut v = base + weight(n - 1);
+        for (i, [dt, dy, dx]) in taps.into_iter().enumerate() {
+            let [frame, row, column] = [(t + lead) as i32 + dt, row as i32 + dy, column as i32 + dx];
+            if (0..6).contains(&frame) && (0..4).contains(&row) && (0..9).contains(&column) {
+                v += weight(i) * (at(&logs, frame as usize, row as usize, column as usize, 0) - base);
+            }
+        }
+        (5001f64.powf(v.clamp(0.0, 1.0)) - 1.0) / 5000.0
+    });
 }
 
 #[test]
@@ -149,19 +201,5 @@ fn fuse_is_a_weighted_mean() {
         let sum: f64 =
             (0..3).map(|i| at(&weights, t, row, column, i) * at(&rendered, t, row, column, 3 + i)).sum();
         sum / (0..3).map(|i| at(&weights, t, row, column, i)).sum::<f64>()
-    });
-}
-
-#[test]
-fn unfold_adds_a_residual_in_the_log_domain() {
-    let block = [2, 3, 5];
-    let residual = random(Shape::new([2, 2, 3], 30), -0.7..0.7, 7);
-    let estimate = random(Shape::new([4, 6, 15], 1), 0.0..1.0, 8);
-    let radiance = run(&Kernel::Unfold { block }, &[residual.clone(), estimate.clone()], estimate.shape);
-    assert_close(&radiance, |t, row, column, _| {
-        let channel = (t % 2 * 3 + row % 3) * 5 + column % 5;
-        let d = at(&residual, t / 2, row / 3, column / 5, channel);
-        let v = (tone(at(&estimate, t, row, column, 0)) + d).clamp(0.0, 1.0);
-        (5001f64.powf(v) - 1.0) / 5000.0
     });
 }

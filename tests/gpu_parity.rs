@@ -16,12 +16,13 @@ use support::{calibration, gpu, graph, measurement, plan};
 fn kernel_name(kernel: &Kernel) -> &'static str {
     match kernel {
         Kernel::BoxEstimate => "box_estimate",
+        Kernel::LogIrradiance => "log_irradiance",
         Kernel::Features { .. } => "features",
         Kernel::Conv3d(_) => "conv3d",
         Kernel::ConvTranspose3d(_) => "conv_transpose3d",
         Kernel::InverseResponse { .. } => "inverse_response",
         Kernel::Fuse => "fuse",
-        Kernel::Unfold { .. } => "unfold",
+        Kernel::Blend { .. } => "blend",
     }
 }
 
@@ -34,6 +35,7 @@ fn fractions(executor: &mut GpuExecutor, measurement: &[f32], schedule: i64) -> 
     let mut fractions = Fractions::new();
     let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
+        let schedule = step.schedule(schedule);
         let exact = cpu::evaluate(&step.kernel, &inputs, output.shape, &calibration, schedule);
         let bound = cpu::bound::bound(&step.kernel, &inputs, &exact, &calibration, schedule, cpu::bound::F32);
         let fraction = cpu::bound::largest_fraction(output, &exact, &bound);
@@ -135,7 +137,7 @@ const TRANSPOSED_TAPS: [([usize; 3], [usize; 3]); 7] = [
 fn box_estimate_and_features() {
     let schedules = [0, 1, 7, -3, 1_000_003, i64::MIN + 8, i64::MAX - 8, 5];
     for (index, ([t, y, x], schedule)) in SIZES.into_iter().zip(schedules).enumerate() {
-        let channels = [1, 2, 3, 5, 8, 9, 11, 16][index];
+        let channels = [2, 2, 3, 5, 8, 9, 11, 16][index];
         let what = format!("{channels} features of {t}×{y}×{x} from {schedule}");
         let fractions = compare(plan(&graph(t, channels, "", "features"), y, x), schedule);
         assert_within_bounds(&what, &fractions, &["box_estimate", "features"]);
@@ -145,39 +147,49 @@ fn box_estimate_and_features() {
 }
 
 #[test]
-fn folded_features_and_unfold() {
+fn folded_features() {
     for (block, [t, y, x]) in
         [([1, 1, 1], [2, 3, 5]), ([2, 2, 2], [4, 6, 10]), ([4, 2, 4], [8, 6, 20]), ([3, 1, 5], [3, 7, 15])]
     {
-        let channels: usize = block.iter().product();
-        let nodes = format!(
+        let json = format!(
             r#"{{"version": 1, "name": "test", "pattern": "any",
             "window": {{"frames": {t}, "lead": 0, "hop": {t}}}, "nodes": [
             {{"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]}},
-            {{"name": "folded", "op": "features", "inputs": ["measurement", "estimate"],
-              "channels": ["log_exposure", "log_estimate", "saturated"], "block": {block:?}}},
-            {{"name": "residual", "op": "conv3d", "inputs": ["folded"], "out_channels": {channels},
-              "kernel": [1, 1, 1], "stride": [1, 1, 1], "activation": "none"}},
-            {{"name": "result", "op": "unfold", "inputs": ["residual", "estimate"], "block": {block:?},
-              "start": 0}}], "output": "result"}}"#
+            {{"name": "logs", "op": "log_irradiance", "inputs": ["measurement"]}},
+            {{"name": "folded", "op": "features", "inputs": ["measurement", "estimate", "logs"],
+              "channels": ["log_exposure", "log_estimate", "saturated", "log_irradiance"],
+              "neighbours": [-2, 1, -9], "block": {block:?}}}], "output": "folded"}}"#
         );
         let what = format!("block {block:?} of {t}×{y}×{x}");
-        assert_within_bounds(&what, &compare(plan(&nodes, y, x), 3), &["features", "unfold"]);
+        assert_within_bounds(&what, &compare(plan(&json, y, x), 3), &["features", "log_irradiance"]);
     }
 }
 
+/// A net that predicts kernels, with windows that the result needs the whole of or only a part.
 #[test]
-fn unfold_of_a_part_of_the_window() {
-    let nodes = r#"{"version": 1, "name": "test", "pattern": "any",
-        "window": {"frames": 6, "lead": 1, "hop": 2}, "nodes": [
-        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
-        {"name": "folded", "op": "features", "inputs": ["measurement", "estimate"],
-          "channels": ["log_estimate"], "block": [6, 1, 1]},
-        {"name": "residual", "op": "conv3d", "inputs": ["folded"], "out_channels": 2,
-          "kernel": [1, 1, 1], "stride": [1, 1, 1], "activation": "none"},
-        {"name": "result", "op": "unfold", "inputs": ["residual", "estimate"], "block": [2, 1, 1],
-          "start": 1}], "output": "result"}"#;
-    assert_within_bounds("unfold from frame 1", &compare(plan(nodes, 3, 5), 3), &["unfold"]);
+fn blend_of_a_part_of_the_window() {
+    for ([by, bx], [y, x], [frames, lead, hop]) in [
+        ([2, 4], [6, 12], [12, 4, 4]),
+        ([1, 1], [1, 1], [1, 0, 1]),
+        ([1, 3], [5, 9], [5, 2, 2]),
+        ([3, 1], [9, 67], [4, 0, 4]),
+    ] {
+        let channels = 4 * by * bx;
+        let json = format!(
+            r#"{{"version": 1, "name": "test", "pattern": "any",
+            "window": {{"frames": {frames}, "lead": {lead}, "hop": {hop}}}, "nodes": [
+            {{"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]}},
+            {{"name": "logs", "op": "log_irradiance", "inputs": ["measurement"]}},
+            {{"name": "folded", "op": "features", "inputs": ["measurement", "estimate", "logs"],
+              "channels": ["log_estimate", "saturated"], "neighbours": [-3], "block": [1, {by}, {bx}]}},
+            {{"name": "weights", "op": "conv3d", "inputs": ["folded"], "out_channels": {channels},
+              "kernel": [3, 1, 1], "stride": [1, 1, 1], "activation": "none"}},
+            {{"name": "result", "op": "blend", "inputs": ["weights", "logs", "estimate"],
+              "block": [1, {by}, {bx}], "taps": [[0, -1, 2], [-2, 0, 0], [3, 1, -1]]}}], "output": "result"}}"#
+        );
+        let what = format!("blend of blocks {by}×{bx}, {hop} of {frames} frames");
+        assert_within_bounds(&what, &compare(plan(&json, y, x), 3), &["blend"]);
+    }
 }
 
 #[test]
@@ -326,16 +338,20 @@ fn broken_shaders_are_caught() {
         r#"{"name": "c", "op": "inverse_response", "inputs": ["b"], "exposures": [2, 4]},
            {"name": "d", "op": "conv3d", "inputs": ["c"], "out_channels": 2, "kernel": [1, 1, 1],
             "stride": [1, 1, 1], "activation": {"softplus": 0.001}, "add": "b"},
-           {"name": "e", "op": "conv3d", "inputs": ["d"], "out_channels": 1, "kernel": [1, 1, 1],
+           {"name": "e", "op": "conv3d", "inputs": ["d"], "out_channels": 3, "kernel": [1, 1, 1],
             "stride": [1, 1, 1], "activation": "none"},
-           {"name": "f", "op": "unfold", "inputs": ["e", "estimate"], "block": [1, 1, 1], "start": 0},
+           {"name": "logs", "op": "log_irradiance", "inputs": ["measurement"]},
+           {"name": "near", "op": "features", "inputs": ["measurement", "estimate", "logs"],
+            "channels": ["saturated"], "neighbours": [-1, 1], "block": [1, 1, 1]},
+           {"name": "f", "op": "blend", "inputs": ["e", "logs", "estimate"], "block": [1, 1, 1],
+            "taps": [[0, 1, 0], [-1, 0, 1]]},
            {"name": "result", "op": "fuse", "inputs": ["d", "c"]}"#,
     );
     let json = graph(3, 3, &nodes, "result");
     let mutants = [
         ("box_estimate", "2 * (n - 1) - i", "n - 1"),
         ("box_estimate", "measured < SATURATED", "measured <= 1.0"),
-        ("box_estimate", "i32(schedule.x) + t", "t"),
+        ("box_estimate", "i32(schedule.x) + FIRST_FRAME + t", "t"),
         ("box_estimate", "y % PATTERN_ROWS", "y % PATTERN_COLS"),
         ("features", "channel % CHANNELS", "(channel + 1) % CHANNELS"),
         ("features", "MU * p", "MU * p * 1.00001"),
@@ -353,7 +369,13 @@ fn broken_shaders_are_caught() {
         ("inverse_response", "index + 1u", "index"),
         ("inverse_response", "rendered_exposures[i]", "rendered_exposures[0]"),
         ("fuse", "WEIGHTS_C + i", "i"),
-        ("unfold", ") + d", ") - d"),
+        ("log_irradiance", "FIRST_FRAME + t", "FIRST_FRAME"),
+        ("features", "pixel_t + FRAME_OFFSETS", "pixel_t - FRAME_OFFSETS"),
+        ("features", "(frame * LOGS_Y", "(pixel_t * LOGS_Y"),
+        ("blend", "- base)", ")"),
+        ("blend", "tap_y < OUTPUT_Y", "tap_y < OUTPUT_Y - 1"),
+        ("blend", "t + TAPS_T[i]", "t"),
+        ("blend", "(channel + TAPS)", "(channel)"),
     ];
     // The window ends behind the pattern's period.
     let schedule = 3;

@@ -3,8 +3,8 @@
     python weights-format/make_golden.py [--out weights-format/golden]
 
 Each case is a pair. `NAME.safetensors` is a valid weights file of a small graph, whose output may be any node.
-`NAME.io.safetensors` holds the tensors `measurement` [t, y, x] and `output` [t, y, x, c], F32 — the whole output
-node of one window, nothing cut — and the metadata (strings): `format` (`pix2hdr-golden/1`), `schedule_time` (of the
+`NAME.io.safetensors` holds the tensors `measurement` [t, y, x] and `output` [t, y, x, c], F32 — the output node
+of one window, the result's frames alone if it spans the window — and the metadata (strings): `format` (`pix2hdr-golden/1`), `schedule_time` (of the
 window's first frame), `period`, `rows`, `cols` and `exposures` (JSON list, row-major: the exposure of the read-out
 that covers a frame) and `inverse_response` (JSON list: R⁻¹, uniform in y over [0, 1], linearly interpolated, ends
 repeated outside).
@@ -68,11 +68,15 @@ def graph_of(name: str, nodes: list[dict], frames: int, pattern: str = "mpve-1-4
     return graph
 
 
-def features(channels=("log_irradiance",), block=(1, 1, 1)) -> list[dict]:
-    """`estimate` and `features`."""
+def features(channels=("log_irradiance",), block=(1, 1, 1), neighbours=()) -> list[dict]:
+    """`estimate` and `features`, with `log_irradiance` between them if there are neighbours."""
     inputs = ["measurement", "estimate"]
     node = {"name": "features", "op": "features", "inputs": inputs, "channels": list(channels), "block": list(block)}
-    return [ESTIMATE, node]
+    if not neighbours:
+        return [ESTIMATE, node]
+    inputs.append("log_irradiance")
+    node["neighbours"] = list(neighbours)
+    return [ESTIMATE, {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]}, node]
 
 
 def convolution_cases() -> list[Case]:
@@ -184,74 +188,43 @@ def other_cases() -> list[Case]:
     fuse = {"name": "y", "op": "fuse", "inputs": ["weights", "irradiance"]}
     case("fuse", [*ldr, inverse, weights, fuse], 3, 5, 7)
     case("fuse_curved", [*ldr, inverse, weights, fuse], 3, 5, 7, curved=True, gain=2.0)
-    for name, block, start, frames, gain in (
-        ("unfold", (2, 2, 4), 0, 2, 0.05),
-        ("unfold_start", (2, 2, 2), 1, 4, 0.05),
-        ("unfold_clamped", (4, 1, 2), 2, 8, 2.0),
-        ("unfold_blocks_in_time", (2, 2, 2), 0, 4, 0.05),
+    near = features(ALL_CHANNELS, (1, 2, 4), neighbours=(-3, 1))
+    case("log_irradiance", near[1:2], 3, 5, 7)
+    case("features_neighbours", near, 4, 4, 8)
+    case("features_neighbours_curved", near, 4, 4, 8, curved=True)
+    taps = [[0, 0, 0], [0, -1, 2], [2, 1, 0], [-1, 0, -9]]
+    for name, block, chosen, gain in (
+        ("blend", (1, 2, 4), taps, 0.05),
+        ("blend_pixels", (1, 1, 1), taps[:3], 0.05),
+        ("blend_without_taps", (1, 3, 1), [], 0.05),
+        ("blend_clamped", (1, 1, 2), taps, 2.0),
     ):
-        count = 1 if name != "unfold_blocks_in_time" else 2
         tail = [
-            *features(ALL_CHANNELS[:3], (frames // count, *block[1:])),
-            conv("tail", "features", block[0] * block[1] * block[2], (1, 3, 3)),
-            {"name": "y", "op": "unfold", "inputs": ["tail", "estimate"], "block": list(block), "start": start},
+            *features(ALL_CHANNELS, block, neighbours=(-3, 1)),
+            conv("tail", "features", block[1] * block[2] * (len(chosen) + 1), (1, 3, 3)),
+            {
+                "name": "y",
+                "op": "blend",
+                "inputs": ["tail", "log_irradiance", "estimate"],
+                "block": list(block),
+                "taps": chosen,
+            },
         ]
-        case(name, tail, frames, 5 * block[1], 3 * block[2], gain=gain)
+        case(name, tail, 4, 5 * block[1], 3 * block[2], gain=gain)
     return cases
-
-
-def time_folded(
-    width=96,
-    blocks=4,
-    *,
-    name="fast",
-    pattern="mpve-1-4",
-    window=(16, 4, 8),
-    fold=(2, 4),
-    channels=("log_irradiance", "log_estimate"),
-    entry_kernel=(1, 1, 1),
-):
-    """A net with all of a window's time in channels: it has what the presets lack, blocks in time and `start`."""
-    frames, lead, hop = window
-    k = (1, 3, 3)
-    nodes = [
-        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
-        {
-            "name": "features",
-            "op": "features",
-            "inputs": ["measurement", "estimate"],
-            "channels": list(channels),
-            "block": [frames, *fold],
-        },
-        presets.conv("entry", "features", width, entry_kernel, activation=presets.LEAKY),
-        presets.conv("head", "entry", width, k, activation=presets.LEAKY),
-    ]
-    last = "head"
-    for i in range(1, blocks + 1):
-        nodes.append(presets.conv(f"block{i}a", last, width, k, activation=presets.LEAKY))
-        nodes.append(presets.conv(f"block{i}b", f"block{i}a", width, k, add=last))
-        last = f"block{i}b"
-    nodes.append(presets.conv("tail", last, hop * fold[0] * fold[1], k))
-    nodes.append({"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [hop, *fold], "start": lead})
-    return {
-        "version": 1,
-        "name": name,
-        "pattern": pattern,
-        "window": {"frames": frames, "lead": lead, "hop": hop},
-        "nodes": nodes,
-        "output": "radiance",
-    }
 
 
 def net_cases() -> list[Case]:
     """Small whole nets of the presets' make."""
-    narrow = time_folded(12, 1, name="fast_narrow")
-    wide = time_folded(7, 2, name="fast_all_features", window=(8, 2, 4), fold=(2, 2), channels=ALL_CHANNELS)
+    narrow = presets.kernel_net((8, 12), (1, 2), name="fast_narrow", hop=8)
+    wide = presets.kernel_net(
+        (7,), (2,), name="fast_all_features", pattern="mpve-1-8", period=16, hop=4, fold=(2, 2), channels=ALL_CHANNELS
+    )
     ldr_hdr = presets.paper((4, 8, 12), 2, 4, name="paper_narrow")
     return [
-        Case("net_fast", narrow, 14, 20, gain=0.6),
-        Case("net_fast_f16", narrow, 14, 20, half=True, gain=0.6),
-        Case("net_fast_curved", narrow, 6, 12, curved=True, gain=0.6),
+        Case("net_fast", narrow, 12, 16, gain=0.6),
+        Case("net_fast_f16", narrow, 12, 16, half=True, gain=0.6),
+        Case("net_fast_curved", narrow, 4, 8, curved=True, gain=0.6),
         Case("net_fast_all_features", wide, 10, 14, table=exposure_table("mpve-1-8"), curved=True, gain=0.6),
         Case("net_paper", ldr_hdr, 12, 20),
         Case("net_paper_curved_f16", ldr_hdr, 8, 12, curved=True, half=True),

@@ -7,10 +7,11 @@
 use std::f64::consts::LN_2;
 use std::sync::Arc;
 
+use super::blend::{Blend, Inputs};
 use super::camera::{Camera, Tone, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{box_estimate, conv_transpose3d, conv3d, features, unfold};
-use crate::network::{Activation, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
+use super::{box_estimate, conv_transpose3d, conv3d, features};
+use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
 use crate::sensor::Calibration;
 
 /// Unit round-off of tensors that are stored as f32.
@@ -60,22 +61,32 @@ pub fn bound(
             // Weights are powers of two: 8 additions of positive numbers and a quotient.
             add(&mut error, output, |mean| (8.0 * U + QUOTIENT) * mean);
         }
-        Kernel::Features { channels, block } => {
-            let errors = |channel: Feature, t: usize, y: usize, line: &mut [f64]| {
+        Kernel::Features { channels, block, .. } => {
+            let given = inputs.len() > 2;
+            let errors = |channel: Channel, t: usize, y: usize, line: &mut [f64]| {
                 let values = view(0).line(t, y).iter().zip(camera.exposures(t, y));
                 for (x, (error, (&measured, exposure))) in line.iter_mut().zip(values).enumerate() {
-                    *error = match channel {
+                    *error = match channel.feature {
                         Feature::Measurement | Feature::Saturated => 0.0,
-                        Feature::LogIrradiance => tone_error(
-                            inverse_response(calibration, measured) / exposure as f64,
-                            irradiance_error(calibration, measured, exposure),
-                        ),
+                        Feature::LogIrradiance if given => 0.0,
+                        Feature::LogIrradiance => log_irradiance_error(calibration, measured, exposure),
                         Feature::LogEstimate => tone_error(view(1).line(t, y)[x], 0.0),
                         Feature::LogExposure => log_error(exposure as f64) / LN_2,
                     };
                 }
             };
             features::fold(channels, *block, TensorViewMut::dense(&mut error), scratch, errors);
+        }
+        Kernel::LogIrradiance => {
+            for t in 0..output.shape.t {
+                for y in 0..output.shape.y {
+                    let first = (t * output.shape.y + y) * output.shape.x;
+                    let values = view(0).line(t, y).iter().zip(camera.exposures(t, y));
+                    for (error, (&measured, exposure)) in error.data[first..].iter_mut().zip(values) {
+                        *error = log_irradiance_error(calibration, measured, exposure);
+                    }
+                }
+            }
         }
         Kernel::Conv3d(step) | Kernel::ConvTranspose3d(step) => {
             error = convolution_error(kernel, step, inputs, output, storage);
@@ -100,13 +111,20 @@ pub fn bound(
                 *error = sums / weight + QUOTIENT * result.abs();
             }
         }
-        Kernel::Unfold { block } => {
-            unfold::unfold(*block, view(0), TensorViewMut::dense(&mut error), |t, y, line| {
-                let values = view(1).line(t, y).iter().zip(TensorView::dense(output).line(t, y));
-                for (error, (&estimate, &result)) in line.iter_mut().zip(values) {
-                    let sum = Tone::new().of(estimate) + error.abs();
-                    *error = inverse_tone_error(result, tone_error(estimate, 0.0) + U * sum);
+        Kernel::Blend { block, taps, lead } => {
+            let blend = Blend { block: *block, taps, lead: *lead };
+            let inputs = Inputs { weights: view(0), logs: view(1), estimate: view(2) };
+            blend.for_each_pixel(inputs, TensorViewMut::dense(&mut error), scratch, |pixel| {
+                let (base, residual) = (pixel.base, pixel.weights[taps.len()]);
+                let (mut terms, mut total) = (0.0, 1.0);
+                for (log, weight) in pixel.logs.iter().zip(pixel.weights) {
+                    terms += (weight * (log - base)).abs();
+                    total += weight.abs();
                 }
+                let sums = (taps.len() + 3) as f64 * U * (base.abs() + terms + residual.abs());
+                let value = (pixel.sum()).clamp(0.0, 1.0);
+                let error = sums + total * tone_error(pixel.estimate, 0.0);
+                inverse_tone_error(Tone::new().inverse(value), error)
             });
         }
     }
@@ -227,6 +245,12 @@ fn irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
     let slope = near.windows(2).map(|pair| (pair[1] - pair[0]).abs() as f64).fold(0.0, f64::max);
     let value = near.iter().map(|v| v.abs() as f64).fold(0.0, f64::max);
     (U * position * slope + 3.0 * U * value + QUOTIENT * value) / exposure as f64
+}
+
+/// Error of l(R⁻¹(y)/e).
+fn log_irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
+    let irradiance = inverse_response(calibration, y) / exposure as f64;
+    tone_error(irradiance, irradiance_error(calibration, y, exposure))
 }
 
 /// Error of ln x by itself.

@@ -4,17 +4,17 @@ use super::Real;
 use crate::network::MU;
 use crate::sensor::Calibration;
 
-/// The camera at the time of a window.
+/// The camera at the time of a tensor.
 #[derive(Clone, Copy, Debug)]
 pub struct Camera<'a> {
     /// Its tables.
     pub calibration: &'a Calibration,
-    /// Schedule time of the window's first frame.
+    /// Schedule time of the tensor's first frame.
     pub schedule: i64,
 }
 
 impl Camera<'_> {
-    /// Exposures along row y of frame t of the window, for ever.
+    /// Exposures along row y of frame t, for ever.
     pub fn exposures(&self, t: usize, y: usize) -> impl Iterator<Item = f32> {
         self.calibration.row(self.schedule.wrapping_add(t as i64), y).iter().copied().cycle()
     }
@@ -24,6 +24,15 @@ impl Camera<'_> {
         let values = irradiance.iter_mut().zip(measured).zip(self.exposures(t, y));
         for ((irradiance, &measured), exposure) in values {
             *irradiance = inverse_response(self.calibration, measured) / R::from_f32(exposure);
+        }
+    }
+
+    /// l of the irradiance.
+    pub fn log_irradiance<R: Real>(&self, t: usize, y: usize, measured: &[R], line: &mut [R]) {
+        self.irradiance(t, y, measured, line);
+        let tone = Tone::new();
+        for value in line {
+            *value = tone.of(*value);
         }
     }
 }

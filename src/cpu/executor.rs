@@ -66,7 +66,7 @@ impl<R: Real> CpuExecutor<R> {
             kernel: &step.kernel,
             packed: &self.packed[index],
             calibration: &self.calibration,
-            schedule,
+            schedule: step.schedule(schedule),
             scratch: &self.scratch,
         };
         let input = |i: usize| step.inputs.get(i).map(|view| TensorView::new(&self.slots[view.slot], view));

@@ -3,56 +3,75 @@
 use super::camera::{Camera, Tone};
 use super::view::positions;
 use super::{Real, ScratchPool, TensorView, TensorViewMut};
-use crate::network::{Block, Feature, SATURATED};
+use crate::network::{Block, Channel, Feature, SATURATED};
 
-/// Fills all channels of all blocks, from the measurement and the estimate.
-pub fn run<R: Real>(
-    channels: &[Feature],
-    block: Block,
-    [measurement, estimate]: [TensorView<'_, R>; 2],
-    output: TensorViewMut<'_, R>,
-    camera: Camera<'_>,
-    scratch: &ScratchPool<R>,
-) {
-    let tone = Tone::new();
-    let saturated = R::from_f64(SATURATED);
-    fold(channels, block, output, scratch, |channel, t, y, line| {
-        let measured = measurement.line(t, y);
-        match channel {
-            Feature::Measurement => line.copy_from_slice(measured),
-            Feature::LogIrradiance => {
-                camera.irradiance(t, y, measured, line);
-                for value in line {
-                    *value = tone.of(*value);
+/// What is computed.
+#[derive(Clone, Copy, Debug)]
+pub struct Features<'a> {
+    /// Channels per pixel.
+    pub channels: &'a [Channel],
+    /// Block that is folded.
+    pub block: Block,
+    /// Frames of the log irradiance before the first block.
+    pub lead: usize,
+}
+
+impl Features<'_> {
+    /// Fills all channels of all blocks, from the measurement, the estimate and the log irradiance.
+    pub fn run<R: Real>(
+        &self,
+        [measurement, estimate]: [TensorView<'_, R>; 2],
+        log_irradiance: Option<TensorView<'_, R>>,
+        output: TensorViewMut<'_, R>,
+        camera: Camera<'_>,
+        scratch: &ScratchPool<R>,
+    ) {
+        let tone = Tone::new();
+        let saturated = R::from_f64(SATURATED);
+        fold(self.channels, self.block, output, scratch, |Channel { feature, offset }, t, y, line| {
+            let measured = measurement.line(t, y);
+            match feature {
+                Feature::Measurement => line.copy_from_slice(measured),
+                Feature::LogIrradiance => match log_irradiance {
+                    Some(logs) => match frame(logs.shape.t, self.lead + t, offset) {
+                        Some(frame) => line.copy_from_slice(logs.line(frame, y)),
+                        None => line.fill(R::ZERO),
+                    },
+                    None => camera.log_irradiance(t, y, measured, line),
+                },
+                Feature::LogEstimate => {
+                    for (value, &p) in line.iter_mut().zip(estimate.line(t, y)) {
+                        *value = tone.of(p);
+                    }
+                }
+                Feature::Saturated => {
+                    for (value, &measured) in line.iter_mut().zip(measured) {
+                        *value = if measured < saturated { R::ZERO } else { R::ONE };
+                    }
+                }
+                Feature::LogExposure => {
+                    for (value, exposure) in line.iter_mut().zip(camera.exposures(t, y)) {
+                        *value = R::from_f32(exposure).log2();
+                    }
                 }
             }
-            Feature::LogEstimate => {
-                for (value, &p) in line.iter_mut().zip(estimate.line(t, y)) {
-                    *value = tone.of(p);
-                }
-            }
-            Feature::Saturated => {
-                for (value, &measured) in line.iter_mut().zip(measured) {
-                    *value = if measured < saturated { R::ZERO } else { R::ONE };
-                }
-            }
-            Feature::LogExposure => {
-                for (value, exposure) in line.iter_mut().zip(camera.exposures(t, y)) {
-                    *value = R::from_f32(exposure).log2();
-                }
-            }
-        }
-    });
+        });
+    }
+}
+
+/// The frame that lies `offset` behind frame t, if it is one of `frames`.
+pub(super) fn frame(frames: usize, t: usize, offset: i32) -> Option<usize> {
+    t.checked_add_signed(offset as isize).filter(|&frame| frame < frames)
 }
 
 /// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block. `values` writes a
 /// channel along row y of frame t.
 pub(super) fn fold<R: Real>(
-    channels: &[Feature],
+    channels: &[Channel],
     [bt, by, bx]: Block,
     output: TensorViewMut<'_, R>,
     scratch: &ScratchPool<R>,
-    values: impl Fn(Feature, usize, usize, &mut [R]) + Sync,
+    values: impl Fn(Channel, usize, usize, &mut [R]) + Sync,
 ) {
     let n = channels.len();
     let width = output.shape.x * bx;

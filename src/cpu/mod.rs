@@ -4,6 +4,7 @@
 //! fallback for machines without a GPU. Kernels are the files named like the shaders; [`CpuExecutor`] runs a
 //! plan with them.
 
+mod blend;
 pub mod bound;
 mod box_estimate;
 mod camera;
@@ -16,8 +17,8 @@ mod features;
 mod fuse;
 mod gemm;
 mod inverse_response;
+mod log_irradiance;
 mod real;
-mod unfold;
 mod view;
 
 pub use executor::CpuExecutor;
@@ -25,14 +26,15 @@ pub use real::Real;
 
 use crate::network::{Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
+use blend::{Blend, Inputs};
 use camera::Camera;
 use convolution::Packed;
 use view::{ScratchPool, TensorView, TensorViewMut};
 
 /// Runs one kernel on dense tensors, which must have the shapes that the kernel wants.
 ///
-/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the window's first
-/// frame.
+/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the output's first
+/// frame, [`Step::schedule`](crate::network::Step::schedule).
 pub fn evaluate<R: Real>(
     kernel: &Kernel,
     inputs: &[Tensor<R>],
@@ -73,8 +75,10 @@ impl<R: Real> Call<'_, R> {
         let wanted = |i: usize| input(i).expect("a plan gives every kernel its inputs");
         match kernel {
             Kernel::BoxEstimate => box_estimate::run(wanted(0), output, camera, scratch),
-            Kernel::Features { channels, block } => {
-                features::run(channels, *block, [wanted(0), wanted(1)], output, camera, scratch);
+            Kernel::LogIrradiance => log_irradiance::run(wanted(0), output, camera),
+            Kernel::Features { channels, block, lead } => {
+                let features = features::Features { channels, block: *block, lead: *lead };
+                features.run([wanted(0), wanted(1)], input(2), output, camera, scratch);
             }
             Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => {
                 let packed = packed.as_ref().expect("convolutions are packed");
@@ -84,7 +88,10 @@ impl<R: Real> Call<'_, R> {
                 inverse_response::run(exposures, wanted(0), output, calibration);
             }
             Kernel::Fuse => fuse::run(wanted(0), wanted(1), output),
-            Kernel::Unfold { block } => unfold::run(*block, wanted(0), wanted(1), output),
+            Kernel::Blend { block, taps, lead } => {
+                let inputs = Inputs { weights: wanted(0), logs: wanted(1), estimate: wanted(2) };
+                Blend { block: *block, taps, lead: *lead }.run(inputs, output, scratch);
+            }
         }
     }
 }

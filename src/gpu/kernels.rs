@@ -10,7 +10,7 @@ use std::fmt::Write;
 
 use super::GpuError;
 use super::weights::{Packing, pack, pack_terms};
-use crate::network::{Activation, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
+use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
 use crate::sensor::Calibration;
 
 /// Invocations of a workgroup.
@@ -58,14 +58,15 @@ macro_rules! shader {
 }
 
 /// All shaders.
-static SHADERS: [Shader; 7] = [
+static SHADERS: [Shader; 8] = [
     shader!("box_estimate", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
-    shader!("features", ["MEASUREMENT", "ESTIMATE"], [InverseResponse, Exposures, Schedule]),
+    shader!("log_irradiance", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
+    shader!("features", ["MEASUREMENT", "ESTIMATE", "LOGS"], [InverseResponse, Exposures, Schedule]),
     shader!("conv3d", ["INPUT", "ADDED"], [Weights, Terms]),
     shader!("conv_transpose3d", ["INPUT", "ADDED"], [Weights, Terms]),
     shader!("inverse_response", ["INPUT"], [InverseResponse, RenderedExposures]),
     shader!("fuse", ["WEIGHTS", "RENDERED"], []),
-    shader!("unfold", ["RESIDUAL", "ESTIMATE"], []),
+    shader!("blend", ["WEIGHTS", "LOGS", "ESTIMATE"], []),
 ];
 
 /// Pieces that shaders share.
@@ -155,16 +156,18 @@ impl Call {
         header.int("PATTERN_PERIOD", calibration.period);
         header.int("PATTERN_ROWS", calibration.rows);
         header.int("PATTERN_COLS", calibration.cols);
+        header.int("FIRST_FRAME", step.first_frame);
 
         let output = step.output.shape;
         let output_vectors = output.c.div_ceil(4);
         let mut block = Block::SINGLE;
         let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), Vec::new(), Vec::new());
         let invocations = match &step.kernel {
-            Kernel::BoxEstimate | Kernel::Fuse => output.pixels(),
-            Kernel::Features { channels, block } => {
+            Kernel::BoxEstimate | Kernel::LogIrradiance | Kernel::Fuse => output.pixels(),
+            Kernel::Features { channels, block, lead } => {
                 header.extents("BLOCK", *block);
-                header.int("CHANNELS", channels.len());
+                header.int("LEAD", *lead);
+                header.boolean("LOGS_GIVEN", step.inputs.len() > 2);
                 header.features(channels);
                 output.pixels() * output_vectors
             }
@@ -196,8 +199,13 @@ impl Call {
                 rendered_exposures.clone_from(exposures);
                 output.pixels() * output_vectors
             }
-            Kernel::Unfold { block } => {
+            Kernel::Blend { block, taps, lead } => {
                 header.extents("BLOCK", *block);
+                header.int("LEAD", *lead);
+                header.int("TAPS", taps.len());
+                for (axis, name) in ["TAPS_T", "TAPS_Y", "TAPS_X"].into_iter().enumerate() {
+                    header.ints(name, taps.iter().map(|tap| tap[axis]));
+                }
                 output.pixels()
             }
         };
@@ -277,12 +285,13 @@ impl Block {
 fn shader(kernel: &Kernel) -> &'static Shader {
     let name = match kernel {
         Kernel::BoxEstimate => "box_estimate",
+        Kernel::LogIrradiance => "log_irradiance",
         Kernel::Features { .. } => "features",
         Kernel::Conv3d(_) => "conv3d",
         Kernel::ConvTranspose3d(_) => "conv_transpose3d",
         Kernel::InverseResponse { .. } => "inverse_response",
         Kernel::Fuse => "fuse",
-        Kernel::Unfold { .. } => "unfold",
+        Kernel::Blend { .. } => "blend",
     };
     SHADERS.iter().find(|shader| shader.name == name).expect("every kernel has a line in the table")
 }
@@ -381,8 +390,8 @@ impl Header {
         Ok(())
     }
 
-    /// Which channel of a pixel is which feature: four bits each.
-    fn features(&mut self, channels: &[Feature]) {
+    /// The channels of a pixel: which feature each is, and how many frames later.
+    fn features(&mut self, channels: &[Channel]) {
         const NAMES: [(&str, Feature); 4] = [
             ("LOG_IRRADIANCE", Feature::LogIrradiance),
             ("LOG_ESTIMATE", Feature::LogEstimate),
@@ -391,14 +400,18 @@ impl Header {
         ];
         // 0 is the measurement itself.
         for (index, (name, _)) in NAMES.iter().enumerate() {
-            self.unsigned(name, index + 1);
+            self.int(name, index + 1);
         }
-        let code =
-            |feature: &Feature| NAMES.iter().position(|(_, f)| f == feature).map_or(0, |index| index + 1);
-        let mut halves =
-            channels.chunks(8).map(|half| half.iter().rev().fold(0, |codes, f| codes << 4 | code(f)));
-        self.unsigned("FEATURES_0_TO_7", halves.next().unwrap_or(0));
-        self.unsigned("FEATURES_8_TO_15", halves.next().unwrap_or(0));
+        let code = |feature| NAMES.iter().position(|(_, f)| *f == feature).map_or(0, |index| index + 1);
+        self.int("CHANNELS", channels.len());
+        self.ints("FEATURES", channels.iter().map(|channel| code(channel.feature) as i32));
+        self.ints("FRAME_OFFSETS", channels.iter().map(|channel| channel.offset));
+    }
+
+    fn ints(&mut self, name: &str, values: impl ExactSizeIterator<Item = i32>) {
+        let type_name = format!("array<i32, {}>", values.len());
+        let list: Vec<String> = values.map(|value| value.to_string()).collect();
+        self.line(name, &type_name, format_args!("{type_name}({})", list.join(", ")));
     }
 
     fn convolution(&mut self, conv: &ConvolutionStep, packing: Packing, add: bool) {

@@ -1,6 +1,7 @@
 //! The layer graph: which operations a net consists of, as data (`weights-format/README.md`).
 
 use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,7 @@ pub(super) const MEASUREMENT: &str = "measurement";
 const MAX_NODES: usize = 4096;
 const MAX_CHANNELS: usize = 8192;
 const MAX_EXTENT: usize = 64;
+const MAX_FRAMES: usize = 256;
 
 /// A net as data: nodes in the order in which they are computed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,10 +69,16 @@ pub type Block = [usize; 3];
 pub enum Op {
     /// The box filter of design §4.
     BoxEstimate,
-    /// Input normalisation, and folding of blocks into channels.
+    /// l(R⁻¹(y)/e) of every pixel.
+    LogIrradiance,
+    /// Input normalisation, and folding of blocks into channels: measurement, estimate (, log irradiance).
     Features {
         /// Channels per pixel.
         channels: Vec<Feature>,
+        /// Behind them, the log irradiance of the same pixel this many frames later (before, if negative); 0
+        /// outside of the window.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        neighbours: Vec<i32>,
         /// Block that is folded.
         block: Block,
     },
@@ -87,13 +95,24 @@ pub enum Op {
     },
     /// Weighted fusion (eq. 23).
     Fuse,
-    /// Blocks unfolded into a residual over the estimate, in the log domain.
-    Unfold {
-        /// Block that is unfolded.
+    /// Predicted kernels: weights w and a residual d for each pixel, log irradiance, estimate → the radiance whose
+    /// log is l(estimate) + Σ w·(log irradiance of the tap − l(estimate)) + d.
+    Blend {
+        /// Block that is unfolded; it spans one frame.
         block: Block,
-        /// Frame of the estimate that the first result frame belongs to.
-        start: usize,
+        /// Pixels, as offsets t, y, x from the result's, that the weights are for. Those outside do not count.
+        taps: Vec<Tap>,
     },
+}
+
+/// An offset in frames, rows and columns.
+pub type Tap = [i32; 3];
+
+impl Op {
+    /// Whether the result has one value a pixel and is stored densely.
+    pub(super) fn is_video(&self) -> bool {
+        matches!(self, Self::BoxEstimate | Self::LogIrradiance | Self::Fuse | Self::Blend { .. })
+    }
 }
 
 /// A channel that [`Op::Features`] computes from a pixel.
@@ -160,7 +179,7 @@ impl Graph {
         if self.version != 1 {
             return fail(format!("version {} is not supported (this program reads 1)", self.version));
         }
-        if hop == 0 || frames > MAX_EXTENT || lead + hop > frames {
+        if hop == 0 || frames > MAX_FRAMES || lead + hop > frames {
             return fail(format!("window of {frames} frames cannot give {hop} from frame {lead}"));
         }
         if self.nodes.len() > MAX_NODES {
@@ -183,7 +202,7 @@ impl Graph {
                 Op::Features { block, .. } => *block,
                 Op::Conv3d(conv) => std::array::from_fn(|i| span[i] * conv.stride[i].min(MAX_EXTENT)),
                 Op::ConvTranspose3d(conv) => std::array::from_fn(|i| span[i] / conv.stride[i].max(1)),
-                Op::Unfold { .. } | Op::BoxEstimate => [1; 3],
+                op if op.is_video() && !matches!(op, Op::Fuse) => [1; 3],
                 _ => span,
             };
             if span.iter().any(|&s| s > MAX_EXTENT) {
@@ -209,10 +228,8 @@ impl Graph {
         let mut known: HashMap<&str, ([usize; 3], [usize; 3])> =
             HashMap::from([(MEASUREMENT, ([1; 3], [0; 3]))]);
         for node in &self.nodes {
-            let added = node.convolution().and_then(|conv| conv.add.as_ref());
-            let inputs = node.inputs.iter().chain(added);
             let mut reach = [0; 3];
-            for input in inputs {
+            for input in node.tensors() {
                 let (_, r) = known.get(input.as_str()).copied().unwrap_or_default();
                 reach = std::array::from_fn(|i| reach[i].max(r[i]));
             }
@@ -220,7 +237,10 @@ impl Graph {
             let (span, _) = known.get(first).copied().unwrap_or(([1; 3], [0; 3]));
             let (span, more): ([usize; 3], [usize; 3]) = match &node.op {
                 Op::BoxEstimate => (span, [0, 1, 1]),
-                Op::Features { block, .. } => (*block, [0; 3]),
+                Op::Features { neighbours, block, .. } => {
+                    let furthest = neighbours.iter().map(|offset| offset.unsigned_abs() as usize).max();
+                    (*block, [furthest.unwrap_or(0), 0, 0])
+                }
                 Op::Conv3d(conv) => {
                     let padding = conv.padding(false);
                     (
@@ -237,8 +257,11 @@ impl Graph {
                         std::array::from_fn(|i| taps(i) * span[i]),
                     )
                 }
-                Op::Unfold { .. } => ([1; 3], [0; 3]),
-                Op::Concat | Op::InverseResponse { .. } | Op::Fuse => (span, [0; 3]),
+                Op::Blend { taps, .. } => {
+                    let furthest = |i: usize| taps.iter().map(|tap| tap[i].unsigned_abs() as usize).max();
+                    ([1; 3], std::array::from_fn(|i| furthest(i).unwrap_or(0)))
+                }
+                Op::LogIrradiance | Op::Concat | Op::InverseResponse { .. } | Op::Fuse => (span, [0; 3]),
             };
             known.insert(&node.name, (span, std::array::from_fn(|i| reach[i] + more[i])));
         }
@@ -260,8 +283,8 @@ impl Graph {
                     .get(name.as_str())
                     .ok_or_else(|| node.fail(format!("no tensor '{name}' before it")))?;
                 let wants_scalar = match &node.op {
-                    Op::BoxEstimate | Op::Features { .. } => true,
-                    Op::Unfold { .. } => i == 1,
+                    Op::BoxEstimate | Op::LogIrradiance | Op::Features { .. } => true,
+                    Op::Blend { .. } => i > 0,
                     _ => false,
                 };
                 if wants_scalar != scalar.contains(name.as_str()) {
@@ -271,7 +294,7 @@ impl Graph {
                 inputs.push(shape);
             }
             let shape = node.shape(&inputs, measurement, |name| shapes.get(name).copied())?;
-            if matches!(node.op, Op::BoxEstimate | Op::Fuse | Op::Unfold { .. }) {
+            if node.op.is_video() {
                 scalar.insert(&node.name);
             }
             if shapes.insert(&node.name, shape).is_some() {
@@ -289,6 +312,49 @@ impl Graph {
 }
 
 impl Graph {
+    /// Frames of each tensor that the result depends on. Tensors that no other node reads count as results, all of their
+    /// frames; tensors that none of these depend on are left out.
+    ///
+    /// `shapes` are those of [`Graph::shapes`]. The tensors of a concatenation have the same frames as the whole,
+    /// since they lie side by side.
+    pub(super) fn needed_frames<'a>(
+        &'a self,
+        shapes: &HashMap<&'a str, Shape>,
+    ) -> HashMap<&'a str, Range<usize>> {
+        let Window { frames, lead, hop } = self.window;
+        let output = shapes[self.output.as_str()];
+        let result = if output.t == frames { lead..lead + hop } else { 0..output.t };
+        let unread = |name: &str| !self.nodes.iter().any(|node| node.tensors().any(|read| read == name));
+        let ends = self.nodes.iter().map(|node| node.name.as_str()).filter(|&name| unread(name));
+        let mut needed: HashMap<&str, Range<usize>> = ends.map(|name| (name, 0..shapes[name].t)).collect();
+        needed.insert(&self.output, result);
+        // Ranges only grow. One pass is enough but for concatenations.
+        loop {
+            let before = needed.clone();
+            for node in self.nodes.iter().rev() {
+                let Some(range) = needed.get(node.name.as_str()).cloned() else { continue };
+                let range = node.computes(range, shapes[node.name.as_str()].t);
+                needed.insert(&node.name, range.clone());
+                for (name, frames) in
+                    node.tensors().zip(node.reads(range)).filter(|(_, frames)| !frames.is_empty())
+                {
+                    let last = shapes[name.as_str()].t as isize;
+                    let [start, end] = [frames.start, frames.end].map(|t| t.clamp(0, last) as usize);
+                    let known = needed.entry(name).or_insert(start..end);
+                    *known = known.start.min(start)..known.end.max(end);
+                }
+                if matches!(node.op, Op::Concat) {
+                    let parts = node.inputs.iter().map(|part| needed[part.as_str()].clone());
+                    let whole = parts.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end));
+                    needed.extend(whole.map(|whole| (node.name.as_str(), whole)));
+                }
+            }
+            if needed == before {
+                return needed;
+            }
+        }
+    }
+
     /// Checks that the graph's output is a video: one value a pixel, for the result frames or the whole window.
     pub fn check_renders_video(&self) -> Result<(), NetworkError> {
         let [_, y, x] = self.granularity()?;
@@ -307,6 +373,46 @@ impl Graph {
 impl Node {
     pub(super) fn fail(&self, problem: String) -> NetworkError {
         NetworkError::Node { node: self.name.clone(), problem }
+    }
+
+    /// Frames that this node computes so as to give frames `range` of its `all`: those, but a transposed convolution
+    /// in time is not cut.
+    fn computes(&self, range: Range<usize>, all: usize) -> Range<usize> {
+        let whole = matches!(&self.op, Op::ConvTranspose3d(conv) if conv.kernel[0] > 1);
+        if whole { 0..all } else { range }
+    }
+
+    /// Frames of each tensor in [`Node::tensors`] that frames `range` of this node, as it computes them, depend on. They
+    /// may lie outside of the tensor, in its padding; none are read of one with an empty range.
+    pub(super) fn reads(&self, range: Range<usize>) -> Vec<Range<isize>> {
+        let (start, end) = (range.start as isize, range.end as isize);
+        let same = start..end;
+        match &self.op {
+            Op::Features { channels, neighbours, block } => {
+                let (start, end) = (start * block[0] as isize, end * block[0] as isize);
+                let offsets = || neighbours.iter().map(|&offset| offset as isize).chain([0]);
+                let [first, last] = [offsets().min(), offsets().max()].map(Option::unwrap_or_default);
+                let estimate = if channels.contains(&Feature::LogEstimate) { start..end } else { 0..0 };
+                vec![start..end, estimate, start + first..end + last]
+            }
+            Op::Conv3d(conv) => {
+                let [stride, kernel] = [conv.stride[0] as isize, conv.kernel[0] as isize];
+                let first = |t: isize| t * stride - conv.padding(false)[0] as isize;
+                vec![first(start)..first(end - 1) + kernel, same]
+            }
+            Op::ConvTranspose3d(conv) => vec![start..end / conv.stride[0] as isize, same],
+            Op::Blend { taps, .. } => {
+                let offsets = || taps.iter().map(|tap| tap[0] as isize).chain([0]);
+                let [first, last] = [offsets().min(), offsets().max()].map(Option::unwrap_or_default);
+                vec![same.clone(), start + first..end + last, same]
+            }
+            _ => vec![same; self.inputs.len()],
+        }
+    }
+
+    /// Names of all tensors that the node reads: its inputs, and what it adds.
+    pub fn tensors(&self) -> impl Iterator<Item = &String> {
+        self.inputs.iter().chain(self.convolution().and_then(|conv| conv.add.as_ref()))
     }
 
     /// The convolution of this node, if it is one.
@@ -331,17 +437,24 @@ impl Node {
             }
         };
         let shape = match &self.op {
-            Op::BoxEstimate => {
+            Op::BoxEstimate | Op::LogIrradiance => {
                 arity(1)?;
                 inputs[0]
             }
-            Op::Features { channels, block } => {
-                arity(2)?;
+            Op::Features { channels, neighbours, block } => {
+                arity(if inputs.len() == 3 { 3 } else { 2 })?;
                 if inputs.iter().any(|&s| s != measurement) {
-                    return Err(self.fail("its inputs must be the measurement and a whole estimate".into()));
+                    return Err(self.fail("its inputs must have the measurement's size".into()));
                 }
-                if channels.is_empty() || channels.len() > 16 {
-                    return Err(self.fail(format!("{} channels a pixel", channels.len())));
+                if inputs.len() < 3 && !neighbours.is_empty() {
+                    return Err(self.fail("neighbours are those of a third input, log irradiance".into()));
+                }
+                let per_pixel = channels.len() + neighbours.len();
+                if channels.is_empty() || per_pixel > 16 {
+                    return Err(self.fail(format!("{per_pixel} channels a pixel")));
+                }
+                if neighbours.iter().any(|offset| offset.unsigned_abs() as usize > MAX_FRAMES) {
+                    return Err(self.fail(format!("neighbours {neighbours:?}")));
                 }
                 if !block.iter().all(|b| (1..=MAX_EXTENT).contains(b)) {
                     return Err(self.fail(format!("block {block:?}")));
@@ -352,7 +465,7 @@ impl Node {
                 }
                 Shape::new(
                     std::array::from_fn(|i| extent[i] / block[i]),
-                    channels.len() * block.iter().product::<usize>(),
+                    per_pixel * block.iter().product::<usize>(),
                 )
             }
             Op::Conv3d(conv) | Op::ConvTranspose3d(conv) => {
@@ -395,20 +508,23 @@ impl Node {
                 }
                 Shape { c: 1, ..*weights }
             }
-            Op::Unfold { block, start } => {
-                arity(2)?;
-                let [residual, estimate] = inputs else { unreachable!("two inputs") };
-                if !block.iter().all(|b| (1..=MAX_EXTENT).contains(b))
-                    || block.iter().product::<usize>() != residual.c
+            Op::Blend { block, taps } => {
+                arity(3)?;
+                let [weights, logs, estimate] = inputs else { unreachable!("three inputs") };
+                let per_pixel = taps.len() + 1;
+                if block[0] != 1
+                    || !block.iter().all(|b| (1..=MAX_EXTENT).contains(b))
+                    || block.iter().product::<usize>() * per_pixel != weights.c
                 {
-                    return Err(self.fail(format!("block {block:?} for {} channels", residual.c)));
+                    return Err(self.fail(format!("block {block:?} for {} channels", weights.c)));
                 }
-                let extent = residual.extent();
+                if taps.iter().flatten().any(|offset| offset.unsigned_abs() as usize > MAX_EXTENT) {
+                    return Err(self.fail(format!("taps {taps:?}")));
+                }
+                let extent = weights.extent();
                 let shape = Shape::new(std::array::from_fn(|i| extent[i] * block[i]), 1);
-                if shape.y != estimate.y || shape.x != estimate.x || start + shape.t > estimate.t {
-                    return Err(
-                        self.fail(format!("{shape} from frame {start} does not fit estimate {estimate}"))
-                    );
+                if [logs, estimate].iter().any(|input| **input != shape) {
+                    return Err(self.fail(format!("{shape} does not fit {logs} and {estimate}")));
                 }
                 shape
             }

@@ -12,9 +12,9 @@ pub mod presets;
 mod tensor;
 
 pub use executor::Executor;
-pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Window};
+pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Tap, Window};
 pub use model::{Layer, Model, Trained};
-pub use plan::{ConvolutionStep, Kernel, Plan, Step, View};
+pub use plan::{Channel, ConvolutionStep, Kernel, Plan, Step, View};
 pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;

@@ -6,10 +6,11 @@
 //! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
-use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Window};
+use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
 /// A tensor inside a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,12 +40,16 @@ impl View {
 pub enum Kernel {
     /// Box filter: measurement → estimate.
     BoxEstimate,
-    /// Normalise and fold: measurement, estimate → channels.
+    /// Measurement → log irradiance.
+    LogIrradiance,
+    /// Normalise and fold: measurement, estimate (, log irradiance) → channels.
     Features {
         /// Channels per pixel.
-        channels: Vec<Feature>,
+        channels: Vec<Channel>,
         /// Block that is folded.
         block: Block,
+        /// Frames of the log irradiance before the first block.
+        lead: usize,
     },
     /// Convolution and epilogue: x (, added) → channels.
     Conv3d(Arc<ConvolutionStep>),
@@ -57,12 +62,24 @@ pub enum Kernel {
     },
     /// Weighted mean: weights, (pixel values and) irradiance → radiance.
     Fuse,
-    /// Unfold a log residual over the estimate: channels, estimate → radiance. The estimate's view is already
-    /// cut to the result's frames.
-    Unfold {
+    /// Predicted kernels: weights and residual, log irradiance, estimate → radiance.
+    Blend {
         /// Block that is unfolded.
         block: Block,
+        /// Offsets t, y, x of the pixels that the weights are for. Those outside of the log irradiance do not count.
+        taps: Vec<Tap>,
+        /// Frames of the log irradiance before the first result frame.
+        lead: usize,
     },
+}
+
+/// A channel of [`Kernel::Features`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channel {
+    /// What is computed from the pixel.
+    pub feature: Feature,
+    /// How many frames later the pixel is, if it is log irradiance from the third input, which is 0 outside.
+    pub offset: i32,
 }
 
 /// A convolution with all that its kernel needs.
@@ -95,6 +112,8 @@ pub struct Step {
     pub inputs: Vec<View>,
     /// What is written.
     pub output: View,
+    /// Frame of the window in which the output of a kernel on pixels begins.
+    pub first_frame: usize,
 }
 
 /// A model lowered for one window size.
@@ -148,6 +167,11 @@ impl Plan {
     pub fn lower_unaligned(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let shapes = graph.shapes(height, width)?;
+        // The whole measurement is given; of the other tensors, only the frames that count are computed.
+        let mut needed = graph.needed_frames(&shapes);
+        needed.insert(MEASUREMENT, 0..graph.window.frames);
+        let shapes: HashMap<&str, Shape> =
+            needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
         let (places, mut buffers) = place(graph, &shapes);
         let slots = assign_slots(&mut buffers);
         let view = |name: &str| {
@@ -159,34 +183,66 @@ impl Plan {
                 shape: shapes[name],
             }
         };
+        // What there is of frames `wanted` of a tensor, and how many frames it begins behind the first of them.
+        let cut = |name: &str, wanted: Range<isize>| {
+            let there = &needed[name];
+            let [start, end] =
+                [wanted.start, wanted.end].map(|t| t.clamp(there.start as isize, there.end as isize));
+            let view = view(name).frames(start as usize - there.start, (end - start) as usize);
+            (view, (start - wanted.start) as usize)
+        };
         let steps = graph
             .nodes
             .iter()
+            .filter(|node| needed.contains_key(node.name.as_str()))
             .flat_map(|node| {
                 if matches!(node.op, Op::Concat) {
                     return copies(node, view(&node.name), view);
                 }
-                let mut inputs: Vec<View> = node.inputs.iter().map(|name| view(name)).collect();
+                let frames = needed[node.name.as_str()].clone();
                 let output = view(&node.name);
-                if let Some(added) = node.convolution().and_then(|conv| conv.add.as_ref()) {
-                    inputs.push(view(added));
-                }
+                let reads: Vec<_> = node
+                    .tensors()
+                    .zip(node.reads(frames.clone()))
+                    // The first input stands in for one that is not read.
+                    .map(|(name, wanted)| if wanted.is_empty() { None } else { Some(cut(name, wanted)) })
+                    .collect();
+                let (first, before) = reads[0].expect("every operation reads its first input");
+                // Frames of a tensor that stands before the result, where offsets reach back to `earliest` frames.
+                let lead = |input: usize, earliest: Option<i32>| {
+                    let missing = reads.get(input).copied().flatten().map_or(0, |(_, missing)| missing);
+                    earliest.map_or(0, |offset| offset.min(0).unsigned_abs() as usize) - missing
+                };
+                let inputs: Vec<View> =
+                    reads.iter().map(|read| read.map_or(first, |(view, _)| view)).collect();
                 let convolution = |transposed: bool| {
                     let conv = node.convolution().expect("called for convolutions only");
+                    let [padding_t, padding_y, padding_x] = conv.padding(transposed);
                     Arc::new(ConvolutionStep {
                         kernel: conv.kernel,
                         stride: conv.stride,
-                        padding: conv.padding(transposed),
-                        in_channels: inputs[0].shape.c,
+                        padding: [if transposed { padding_t } else { before }, padding_y, padding_x],
+                        in_channels: first.shape.c,
                         out_channels: conv.out_channels,
                         activation: conv.activation,
                         layer: Arc::clone(&model.layers[&node.name]),
                     })
                 };
+                let mut first_frame = frames.start;
                 let kernel = match &node.op {
                     Op::BoxEstimate => Kernel::BoxEstimate,
-                    Op::Features { channels, block } => {
-                        Kernel::Features { channels: channels.clone(), block: *block }
+                    Op::LogIrradiance => Kernel::LogIrradiance,
+                    Op::Features { channels, neighbours, block } => {
+                        first_frame *= block[0];
+                        let now = channels.iter().map(|&feature| Channel { feature, offset: 0 });
+                        let others = neighbours
+                            .iter()
+                            .map(|&offset| Channel { feature: Feature::LogIrradiance, offset });
+                        Kernel::Features {
+                            channels: now.chain(others).collect(),
+                            block: *block,
+                            lead: lead(2, neighbours.iter().min().copied()),
+                        }
                     }
                     Op::Conv3d(_) => Kernel::Conv3d(convolution(false)),
                     Op::ConvTranspose3d(_) => Kernel::ConvTranspose3d(convolution(true)),
@@ -194,19 +250,21 @@ impl Plan {
                         Kernel::InverseResponse { exposures: exposures.clone() }
                     }
                     Op::Fuse => Kernel::Fuse,
-                    Op::Unfold { block, start } => {
-                        inputs[1] = inputs[1].frames(*start, output.shape.t);
-                        Kernel::Unfold { block: *block }
-                    }
+                    Op::Blend { block, taps } => Kernel::Blend {
+                        block: *block,
+                        taps: taps.clone(),
+                        lead: lead(1, taps.iter().map(|tap| tap[0]).min()),
+                    },
                     Op::Concat => unreachable!("returned above"),
                 };
                 debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
-                vec![Step { name: node.name.clone(), kernel, inputs, output }]
+                vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame }]
             })
             .collect();
         let mut result = view(&graph.output);
-        if result.shape.t == graph.window.frames && result.shape.c == 1 {
-            result = result.frames(graph.window.lead, graph.window.hop);
+        let first = needed[graph.output.as_str()].start;
+        if result.shape.t > graph.window.hop && result.shape.c == 1 {
+            result = result.frames(graph.window.lead - first, graph.window.hop);
         }
         Ok(Self {
             name: graph.name.clone(),
@@ -230,6 +288,11 @@ impl Plan {
 }
 
 impl Step {
+    /// Schedule time at which the output of a kernel on pixels begins, in a window that begins at `window`.
+    pub fn schedule(&self, window: i64) -> i64 {
+        window.wrapping_add(self.first_frame as i64)
+    }
+
     /// Operations of the convolution, two per multiplication and addition; 0 for other kernels.
     pub fn flop(&self) -> f64 {
         let (conv, pixels) = match &self.kernel {
@@ -245,13 +308,12 @@ impl Step {
 /// Which tensors are written straight into a concatenation: its node, and the first channel there.
 fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str, (usize, usize)> {
     let nodes: HashMap<&str, &Node> = graph.nodes.iter().map(|node| (node.name.as_str(), node)).collect();
-    let reads = |name: &str, other: &str| {
-        let node = nodes[name];
-        let added = node.convolution().and_then(|conv| conv.add.as_ref());
-        node.inputs.iter().chain(added).any(|input| input == other)
-    };
+    let reads = |name: &str, other: &str| nodes[name].tensors().any(|input| input == other);
     let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
-    for (index, concat) in graph.nodes.iter().enumerate().filter(|(_, node)| matches!(node.op, Op::Concat)) {
+    for (index, concat) in graph.nodes.iter().enumerate() {
+        if !matches!(concat.op, Op::Concat) || !shapes.contains_key(concat.name.as_str()) {
+            continue;
+        }
         let mut written: Vec<&str> = Vec::new();
         let mut channel = 0;
         for input in &concat.inputs {
@@ -292,7 +354,8 @@ fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> 
             activation: Activation::None,
             layer: Arc::new(Layer { weight, bias: vec![0.0; c], norm: None }),
         }));
-        steps.push(Step { name: format!("{name} in {}", concat.name), kernel, inputs: vec![input], output });
+        let name = format!("{name} in {}", concat.name);
+        steps.push(Step { name, kernel, inputs: vec![input], output, first_frame: 0 });
     }
     steps
 }
@@ -306,11 +369,12 @@ fn place<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> (HashMap<&'a st
     // The measurement keeps its slot, since executors write it from outside.
     buffers.push(Buffer { len: shapes[MEASUREMENT].len(), first: 0, last: usize::MAX });
     places.insert(MEASUREMENT, Place { buffer: 0, channel: 0, stride: 1 });
-    for (index, node) in graph.nodes.iter().enumerate() {
+    // Nodes without a shape are not computed.
+    let computed = |node: &Node| shapes.contains_key(node.name.as_str());
+    for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| computed(node)) {
         let mut whole_of = |node: &super::Node| {
             let shape = shapes[node.name.as_str()];
-            let scalar = matches!(node.op, Op::BoxEstimate | Op::Fuse | Op::Unfold { .. });
-            let stride = if scalar { 1 } else { shape.c.next_multiple_of(4) };
+            let stride = if node.op.is_video() { 1 } else { shape.c.next_multiple_of(4) };
             buffers.push(Buffer { len: shape.pixels() * stride, first: index, last: index });
             Place { buffer: buffers.len() - 1, channel: 0, stride }
         };
@@ -322,9 +386,8 @@ fn place<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> (HashMap<&'a st
         } else {
             whole_of(node)
         };
-        let added = node.convolution().and_then(|conv| conv.add.as_ref());
-        for input in node.inputs.iter().chain(added) {
-            let buffer = &mut buffers[places[input.as_str()].buffer];
+        for place in node.tensors().filter_map(|name| places.get(name.as_str())) {
+            let buffer = &mut buffers[place.buffer];
             buffer.last = buffer.last.max(index);
         }
         buffers[place.buffer].last = buffers[place.buffer].last.max(index);

@@ -39,7 +39,7 @@ pub fn all() -> [Preset; 5] {
     [
         preset!("tiny", "the smallest, for machines without a GPU"),
         preset!("medium", "between tiny and fast"),
-        preset!("fast", "one net in the log domain, made for run time against error", "fast.safetensors"),
+        preset!("fast", "predicted kernels, made for run time against error", "fast.safetensors"),
         preset!("paper-narrow", "the paper's LDR-net and HDR-net at half their width"),
         preset!("paper", "the paper's LDR-net and HDR-net"),
     ]

@@ -118,12 +118,24 @@ class Dataset:
         return self.table.window(at, window["frames"], height, width).astype(np.float32)
 
 
-class Crops:
-    """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step."""
+def end_of_recording(measurement: np.ndarray, first: int, end: int, period: int) -> np.ndarray:
+    """A window of which only frames `first` … `end` were recorded: the nearest of these at the same phase of the pattern
+    stand in for the others, as in the synthesis."""
+    t = np.arange(len(measurement))
+    before = first + (t - first) % period
+    behind = end - 1 - (end - 1 - t) % period
+    return measurement[np.where(t < first, before, np.where(t >= end, behind, t))]
 
-    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int):
+
+class Crops:
+    """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
+
+    A share `ends` of the crops lies at the beginning or end of a recording.
+    """
+
+    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.3):
         self.dataset, self.window = dataset, graph["window"]
-        self.batch, self.crop, self.seed = batch, crop, seed
+        self.batch, self.crop, self.seed, self.ends = batch, crop, seed, ends
         rows, columns = granularity(graph)
         # Crops must begin where a block and a tile begin.
         self.step_y, self.step_x = lcm(rows, dataset.table.tile[0]), lcm(columns, dataset.table.tile[1])
@@ -148,7 +160,8 @@ class Crops:
             start = self.starts[int(rng.integers(len(self.starts)))]
             y0 = self.step_y * int(rng.integers((data.height - crop) // self.step_y + 1))
             x0 = self.step_x * int(rng.integers((data.width - crop) // self.step_x + 1))
-            pairs.append(data.read(cube, self.window, start, y0, x0, crop, crop))
+            measurement, truth = data.read(cube, self.window, start, y0, x0, crop, crop)
+            pairs.append((self._end(rng, measurement), truth))
             starts.append(start)
         exposure = np.stack([self.exposures[s] for s in (starts[:1] if self.one_exposure else starts)])
         return Batch(
@@ -156,6 +169,17 @@ class Crops:
             torch.from_numpy(exposure),
             torch.from_numpy(np.stack([t for _, t in pairs])),
         )
+
+
+    def _end(self, rng, measurement: np.ndarray) -> np.ndarray:
+        """Now and then, frames before or behind the result count as not recorded."""
+        frames, lead, period = self.window["frames"], self.window["lead"], self.dataset.table.period
+        result = lead + self.window["hop"]
+        if rng.random() >= self.ends or self.window["hop"] < period:
+            return measurement
+        if rng.random() < 0.5:
+            return end_of_recording(measurement, int(rng.integers(0, lead + 1)), frames, period)
+        return end_of_recording(measurement, 0, int(rng.integers(result, frames + 1)), period)
 
 
 class Prefetch:

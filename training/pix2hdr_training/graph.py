@@ -1,7 +1,7 @@
 """A torch module from a layer graph: every operation of the weights format, version 1.
 
-Tensors are [batch, channel, t, y, x] here ([t, y, x, c] in the format). Nets whose time is folded into channels
-(T = 1, kernels [1, ky, kx]) run as 2D convolutions on channels-last tensors, which is much faster on a CPU.
+Tensors are [batch, channel, t, y, x] here ([t, y, x, c] in the format), with the channels last in memory. Only those
+frames of a node are computed that the result depends on.
 """
 
 import math
@@ -57,17 +57,37 @@ def fold(channels: list[Tensor], block) -> Tensor:
 
 
 def unfold(x: Tensor, block) -> Tensor:
-    """The inverse of `fold` with one channel: [N, bt·by·bx, T, H, W] → [N, T·bt, H·by, W·bx]."""
+    """The inverse of `fold`: [N, bt·by·bx·n, T, H, W] → [N, n, T·bt, H·by, W·bx]."""
     bt, by, bx = block
     batch, _, t, h, w = x.shape
-    x = x.reshape(batch, bt, by, bx, t, h, w).permute(0, 4, 1, 5, 2, 6, 3)
-    return x.reshape(batch, t * bt, h * by, w * bx)
+    x = x.reshape(batch, bt, by, bx, -1, t, h, w).permute(0, 4, 5, 1, 6, 2, 7, 3)
+    return x.reshape(batch, -1, t * bt, h * by, w * bx)
+
+
+def shifted(video: Tensor, first: int, frames: int, tap) -> tuple[Tensor, Tensor]:
+    """A video [N, T, H, W] at the offset `tap` (t, y, x) from its frames `first` … `first + frames`, and where that is inside.
+
+    Outside it is 0.
+    """
+    extent = (frames, *video.shape[2:])
+    value, inside = video.new_zeros(len(video), *extent), video.new_zeros(1, *extent)
+    # Along each axis, the positions whose tap lies inside, and their taps.
+    here, there = [slice(None)], [slice(None)]
+    for offset, size, count in zip((first + tap[0], *tap[1:]), video.shape[1:], extent, strict=True):
+        begin = max(0, -offset)
+        end = max(begin, min(count, size - offset))
+        here.append(slice(begin, end))
+        there.append(slice(begin + offset, end + offset))
+    if all(s.start < s.stop for s in here[1:]):
+        value[tuple(here)] = video[tuple(there)]
+        inside[tuple(here)] = 1.0
+    return value, inside
 
 
 class Convolution(nn.Module):
     """`conv3d` or `conv_transpose3d` with its epilogue: activation, then norm, then add."""
 
-    def __init__(self, node: dict, in_channels: int, *, feeds_unfold: bool = False, from_logs: bool = False):
+    def __init__(self, node: dict, in_channels: int, *, is_tail: bool = False, from_logs: bool = False):
         super().__init__()
         self.node = node
         self.kernel, self.stride = tuple(node["kernel"]), tuple(node["stride"])
@@ -77,13 +97,13 @@ class Convolution(nn.Module):
         self.weight = nn.Parameter(torch.empty(*ends, *self.kernel))
         self.bias = nn.Parameter(torch.zeros(out))
         self.norm = nn.BatchNorm3d(out) if node.get("norm") else None
-        self._initialise(in_channels, feeds_unfold, from_logs)
+        self._initialise(in_channels, is_tail, from_logs)
 
-    def _initialise(self, in_channels: int, feeds_unfold: bool, from_logs: bool) -> None:
+    def _initialise(self, in_channels: int, is_tail: bool, from_logs: bool) -> None:
         # A transposed convolution's output sees only kernel/stride of the taps.
         taps = math.prod(self.kernel) / (math.prod(self.stride) if self.transposed else 1)
         gain = math.sqrt(2 / (1 + 0.2**2)) if isinstance(self.node["activation"], dict) else 1.0
-        if feeds_unfold:
+        if is_tail:
             gain = 0.01  # start as the box filter
         elif self.node.get("add"):
             gain = 0.2  # start near the identity
@@ -93,20 +113,59 @@ class Convolution(nn.Module):
             with torch.no_grad():
                 self.weight.sub_(self.weight.mean(0 if self.transposed else 1, keepdim=True))
 
-    def forward(self, x: Tensor, add: Tensor | None) -> Tensor:
-        kt, ky, kx = self.kernel
-        if self.transposed:
-            padding = tuple((k - s) // 2 for k, s in zip(self.kernel, self.stride, strict=True))
-            v = F.conv_transpose3d(x, self.weight, self.bias, self.stride, padding)
-        elif kt == 1 and x.shape[2] == 1:
-            flat = F.conv2d(x.squeeze(2), self.weight.squeeze(2), self.bias, self.stride[1:], (ky // 2, kx // 2))
-            v = flat.unsqueeze(2)
+    def forward(self, x: "Frames", first: int, end: int, total: int, add: Tensor | None) -> Tensor:
+        """Frames `first` … `end` of the result; `total` is the length of the whole input in frames."""
+        (kt, ky, kx), (st, sy, sx) = self.kernel, self.stride
+        if not self.transposed:
+            seen = x.cut(first * st - kt // 2, (end - 1) * st - kt // 2 + kt, total)
+            v = self._by_frame(seen, end - first) if seen.device.type == "cpu" else F.conv3d(
+                seen, self.weight, self.bias, self.stride, (0, ky // 2, kx // 2)
+            )
+        elif self.kernel == self.stride and kt == 1:
+            v = self._shuffled(x.cut(first, end, total))
         else:
-            v = F.conv3d(x, self.weight, self.bias, self.stride, (kt // 2, ky // 2, kx // 2))
+            padding = tuple((k - s) // 2 for k, s in zip(self.kernel, self.stride, strict=True))
+            begin = -((kt - 1 - padding[0] - first) // st)
+            seen = x.cut(begin, (end - 1 + padding[0]) // st + 1, total)
+            v = F.conv_transpose3d(seen, self.weight, self.bias, self.stride, (0, *padding[1:]))
+            v = v[:, :, first + padding[0] - begin * st :][:, :, : end - first]
         v = activate(v, self.node["activation"])
         if self.norm is not None:
             v = self.norm(v)
         return v if add is None else v + add
+
+    def _by_frame(self, x: Tensor, frames: int) -> Tensor:
+        """The convolution as one of images whose channels are those of all taps in time: far faster on a CPU."""
+        kt, ky, kx = self.kernel
+        st = self.stride[0]
+        x = x.transpose(1, 2)  # [N, T, C, H, W], with the channels last in memory
+        taps = [x[:, t : t + (frames - 1) * st + 1 : st] for t in range(kt)]
+        images = (torch.cat(taps, 2) if kt > 1 else taps[0]).flatten(0, 1)
+        weight = self.weight.transpose(1, 2).flatten(1, 2)
+        v = F.conv2d(images, weight, self.bias, self.stride[1:], (ky // 2, kx // 2))
+        return v.unflatten(0, (x.shape[0], frames)).transpose(1, 2)
+
+    def _shuffled(self, x: Tensor) -> Tensor:
+        """A transposed convolution whose taps do not overlap: one matrix product, then blocks of pixels."""
+        _, sy, sx = self.stride
+        n, _, t, h, w = x.shape
+        v = torch.einsum("ncthw,coyx->nthywxo", x, self.weight.squeeze(2)) + self.bias
+        return v.reshape(n, t, h * sy, w * sx, -1).permute(0, 4, 1, 2, 3)
+
+
+class Frames:
+    """Some frames of a node's tensor [N, C, T, H, W]; `first` is the number of the first one."""
+
+    def __init__(self, tensor: Tensor, first: int = 0):
+        self.tensor, self.first = tensor, first
+
+    def cut(self, first: int, end: int, total: int) -> Tensor:
+        """Frames `first` … `end`, with zeros for those before the window and behind its `total` frames."""
+        inside = max(0, min(first, total)), max(0, min(end, total))
+        kept = self.tensor[:, :, inside[0] - self.first : inside[1] - self.first]
+        before = min(max(0, -first), end - first)
+        behind = end - first - before - kept.shape[2]
+        return F.pad(kept, (0, 0, 0, 0, before, behind)) if before or behind else kept
 
 
 def activate(v: Tensor, activation) -> Tensor:
@@ -125,7 +184,7 @@ def activate(v: Tensor, activation) -> Tensor:
 
 
 class GraphNet(nn.Module):
-    """Runs a layer graph. In training mode `unfold` does not clamp, so that gradients pass."""
+    """Runs a layer graph. In training mode `blend` does not clamp, so that gradients pass."""
 
     def __init__(self, graph: dict, inverse: InverseResponse):
         super().__init__()
@@ -133,79 +192,105 @@ class GraphNet(nn.Module):
         rows, columns = layout.granularity(graph)
         self.granularity = (rows, columns)
         known = layout.shapes(graph, rows, columns)
+        self.frames = {name: shape.t for name, shape in known.items()}
         logs = {
             node["name"]
             for node in graph["nodes"]
             if node["op"] == "features" and {"log_irradiance", "log_estimate"} & set(node["channels"])
         }
-        tails = {node["inputs"][0] for node in graph["nodes"] if node["op"] == "unfold"}
+        tails = {node["inputs"][0] for node in graph["nodes"] if node["op"] == "blend"}
         self.layers = nn.ModuleDict()
         for node in graph["nodes"]:
             if node["op"] in layout.CONVOLUTIONS:
                 source = node["inputs"][0]
                 self.layers[node["name"]] = Convolution(
-                    node, known[source].c, feeds_unfold=node["name"] in tails, from_logs=source in logs
+                    node, known[source].c, is_tail=node["name"] in tails, from_logs=source in logs
                 )
 
     def forward(self, measurement: Tensor, exposure: Tensor, *, toned: bool = False, until: str | None = None):
         """The output node's tensor [N, C, T, H, W] for y [N, T, H, W] and e [N or 1, T, H, W].
 
-        With `toned`, l of it (the output must be an `unfold` or a `fuse`); an `unfold` then skips the way to
-        irradiance and back. With `until`, that node's tensor, and nothing behind it is computed.
+        Of a node that spans the window, it holds the result's frames alone: nothing else is computed. With `toned`,
+        l of it (the output must be a `blend` or a `fuse`); a `blend` then skips the way to irradiance and back. With `until`, that node's tensor.
         """
-        graph = self.graph
-        values = {"measurement": measurement.unsqueeze(1)}
+        graph, output = self.graph, until or self.graph["output"]
+        needed = layout.needed_frames(graph, output)
+        values = {"measurement": Frames(measurement.unsqueeze(1))}
         for node in graph["nodes"]:
-            inputs = [values[name] for name in node["inputs"]]
-            tone_it = toned and node["name"] == graph["output"]
-            values[node["name"]] = self._node(node, inputs, values, exposure, tone_it)
-            if node["name"] == until:
-                break
-        return values[until or graph["output"]]
+            name = node["name"]
+            if name in needed:
+                values[name] = Frames(self._node(node, values, exposure, *needed[name], toned and name == output), needed[name][0])
+        return values[output].tensor
 
-    def _node(self, node: dict, inputs: list[Tensor], values: dict, exposure: Tensor, toned: bool) -> Tensor:
+    def _node(self, node: dict, values: dict, exposure: Tensor, first: int, end: int, toned: bool) -> Tensor:
         op = node["op"]
+
+        def frames(name: str, start: int = first, stop: int = end) -> Tensor:
+            return values[name].cut(start, stop, self.frames[name])
+
+        source = node["inputs"][0]
         if op in layout.CONVOLUTIONS:
-            add = values[node["add"]] if node.get("add") else None
-            return self.layers[node["name"]](inputs[0], add)
+            add = frames(node["add"]) if node.get("add") else None
+            return self.layers[node["name"]](values[source], first, end, self.frames[source], add)
         if op == "box_estimate":
-            return box_estimate(inputs[0], exposure.unsqueeze(1), self.inverse)
+            return box_estimate(frames(source), exposure[:, first:end].unsqueeze(1), self.inverse)
+        if op == "log_irradiance":
+            return tone(self.inverse(frames(source)) / exposure[:, first:end].unsqueeze(1))
         if op == "features":
-            y, estimate = inputs[0][:, 0], inputs[1][:, 0]
-            return fold([self._feature(name, y, estimate, exposure) for name in node["channels"]], node["block"])
+            return self._features(node, values, exposure, first, end)
         if op == "concat":
-            return torch.cat(inputs, 1)
+            return torch.cat([frames(name) for name in node["inputs"]], 1)
         if op == "inverse_response":
-            e = torch.tensor(node["exposures"], dtype=inputs[0].dtype, device=inputs[0].device).view(-1, 1, 1, 1)
-            return torch.cat([inputs[0], self.inverse(inputs[0]) / e], 1)
+            y = frames(source)
+            e = torch.tensor(node["exposures"], dtype=y.dtype, device=y.device).view(-1, 1, 1, 1)
+            return torch.cat([y, self.inverse(y) / e], 1)
         if op == "fuse":
-            weights, n = inputs[0], inputs[0].shape[1]
-            fused = (weights * inputs[1][:, n:]).sum(1, keepdim=True) / weights.sum(1, keepdim=True)
+            weights, rendered = (frames(name) for name in node["inputs"])
+            n = weights.shape[1]
+            fused = (weights * rendered[:, n:]).sum(1, keepdim=True) / weights.sum(1, keepdim=True)
             return tone(fused) if toned else fused
-        if op == "unfold":
-            d = unfold(inputs[0], node["block"]).unsqueeze(1).to(inputs[1].dtype)
-            v = tone(inputs[1][:, :, node["start"] : node["start"] + d.shape[2]]) + d
+        if op == "blend":
+            v = self._blended(node, frames(source), tone(frames(node["inputs"][2])), values, first)
             if not self.training:
                 v = v.clamp(0.0, 1.0)
             return v if toned else inverse_tone(v)
         raise layout.GraphError(f"operation {op!r} is not known")
 
-    def _feature(self, name: str, y: Tensor, estimate: Tensor, exposure: Tensor) -> Tensor:
-        if name == "measurement":
-            return y
-        if name == "log_irradiance":
-            return tone(self.inverse(y) / exposure)
-        if name == "log_estimate":
-            return tone(estimate)
-        if name == "saturated":
-            return (y >= SATURATED).to(y.dtype)
-        if name == "log_exposure":
-            return torch.log2(exposure).expand_as(y)
-        raise layout.GraphError(f"feature {name!r} is not known")
+    def _blended(self, node: dict, x: Tensor, base: Tensor, values: dict, first: int) -> Tensor:
+        """base + Σ w·(log irradiance of the tap − base) + d, with the weights and the residual of each pixel in x."""
+        logs = values[node["inputs"][1]]
+        x = unfold(x, node["block"]).to(base.dtype)
+        v = base + x[:, -1:]
+        for i, tap in enumerate(node["taps"]):
+            value, inside = shifted(logs.tensor[:, 0], first - logs.first, x.shape[2], tap)
+            v = v + (x[:, i] * (value - inside * base[:, 0])).unsqueeze(1)
+        return v
 
-    def result(self, output: Tensor) -> Tensor:
-        """The result's `hop` frames, cut from an output of `frames` frames where need be."""
-        window = self.graph["window"]
-        if output.shape[2] == window["hop"] and output.shape[2] != window["frames"]:
-            return output
-        return output[:, :, window["lead"] : window["lead"] + window["hop"]]
+    def _features(self, node: dict, values: dict, exposure: Tensor, first: int, end: int) -> Tensor:
+        """The channels of a `features` node, folded, for its frames `first` … `end`."""
+        bt = node["block"][0]
+        first, end = first * bt, end * bt
+
+        def frames(i: int, offset: int = 0) -> Tensor:
+            name = node["inputs"][i]
+            return values[name].cut(first + offset, end + offset, self.frames[name])[:, 0]
+
+        y, e = frames(0), exposure[:, first:end]
+        has_logs = len(node["inputs"]) == 3
+
+        def channel(name: str) -> Tensor:
+            if name == "measurement":
+                return y
+            if name == "log_irradiance":
+                return frames(2) if has_logs else tone(self.inverse(y) / e)
+            if name == "log_estimate":
+                return tone(frames(1))
+            if name == "saturated":
+                return (y >= SATURATED).to(y.dtype)
+            if name == "log_exposure":
+                return torch.log2(e).expand_as(y)
+            raise layout.GraphError(f"feature {name!r} is not known")
+
+        channels = [channel(name) for name in node["channels"]]
+        channels += [frames(2, offset) for offset in node.get("neighbours", ())]
+        return fold(channels, node["block"])

@@ -41,7 +41,7 @@ def granularity(graph: dict) -> tuple[int, int]:
             y, x = y * node["stride"][1], x * node["stride"][2]
         elif node["op"] == "conv_transpose3d":
             y, x = max(1, y // node["stride"][1]), max(1, x // node["stride"][2])
-        elif node["op"] == "unfold":
+        elif node["op"] == "blend":
             y, x = max(1, y // node["block"][1]), max(1, x // node["block"][2])
         factors[node["name"]] = (y, x)
         gy, gx = lcm(gy, y), lcm(gx, x)
@@ -80,15 +80,17 @@ def _shape(node: dict, inputs: list[Shape], known: dict[str, Shape]) -> Shape:
             raise GraphError(f"node {name!r}: {message}")
 
     first = inputs[0]
-    if op == "box_estimate":
+    if op in ("box_estimate", "log_irradiance"):
         need(node["inputs"] == ["measurement"], "takes `measurement`")
         return first
     if op == "features":
         bt, by, bx = node["block"]
-        need(len(inputs) == 2 and node["inputs"][0] == "measurement", "takes `measurement` and an estimate")
-        need(inputs[1] == first, "the estimate has another shape")
+        need(len(inputs) in (2, 3) and node["inputs"][0] == "measurement", "takes `measurement` and an estimate")
+        need(all(i == first for i in inputs), "its inputs differ in shape")
+        need(len(inputs) == 3 or not node.get("neighbours"), "neighbours are those of a log_irradiance")
         need(first.t % bt == 0 and first.y % by == 0 and first.x % bx == 0, "the block does not divide the input")
-        return Shape(first.t // bt, first.y // by, first.x // bx, len(node["channels"]) * bt * by * bx)
+        channels = len(node["channels"]) + len(node.get("neighbours", ()))
+        return Shape(first.t // bt, first.y // by, first.x // bx, channels * bt * by * bx)
     if op in CONVOLUTIONS:
         out = []
         for n, k, s in zip((first.t, first.y, first.x), node["kernel"], node["stride"], strict=True):
@@ -112,15 +114,60 @@ def _shape(node: dict, inputs: list[Shape], known: dict[str, Shape]) -> Shape:
     if op == "fuse":
         need(len(inputs) == 2 and inputs[1] == Shape(first.t, first.y, first.x, 2 * first.c), "takes n weights and 2n channels")
         return Shape(first.t, first.y, first.x, 1)
-    if op == "unfold":
+    if op == "blend":
         bt, by, bx = node["block"]
-        need(first.c == bt * by * bx, "the block does not fit the channels")
-        shape = Shape(first.t * bt, first.y * by, first.x * bx, 1)
-        estimate = inputs[1]
-        need((estimate.y, estimate.x, estimate.c) == (shape.y, shape.x, 1), "the estimate has another size")
-        need(node["start"] + shape.t <= estimate.t, "reaches beyond the estimate's frames")
+        need(bt == 1 and first.c == by * bx * (len(node["taps"]) + 1), "the block does not fit the channels")
+        shape = Shape(first.t, first.y * by, first.x * bx, 1)
+        need(inputs[1:] == [shape, shape], "log irradiance and estimate do not fit the weights")
         return shape
     raise GraphError(f"node {name!r}: operation {op!r} is not known")
+
+
+def needed_frames(graph: dict, output: str | None = None) -> dict[str, tuple[int, int]]:
+    """Frames [first, end) of every node's tensor that the result's `hop` frames depend on.
+
+    `output` stands in for the graph's output. Nodes that it does not depend on are left out.
+    """
+    known = shapes(graph, *granularity(graph))
+    window, output = graph["window"], output or graph["output"]
+    frames = known[output].t
+    needed = {output: (window["lead"], window["lead"] + window["hop"]) if frames == window["frames"] else (0, frames)}
+
+    def need(name: str, first: int, end: int) -> None:
+        first, end = max(first, 0), min(end, known[name].t)
+        before = needed.get(name, (first, end))
+        needed[name] = min(first, before[0]), max(end, before[1])
+
+    for node in reversed(graph["nodes"]):
+        if node["name"] not in needed:
+            continue
+        first, end = needed[node["name"]]
+        source, op = node["inputs"][0], node["op"]
+        if op in CONVOLUTIONS:
+            k, s = node["kernel"][0], node["stride"][0]
+            if op == "conv3d":
+                need(source, first * s - k // 2, (end - 1) * s - k // 2 + k)
+            else:
+                padding = (k - s) // 2
+                need(source, -((k - 1 - padding - first) // s), (end - 1 + padding) // s + 1)
+            if node.get("add"):
+                need(node["add"], first, end)
+        elif op == "features":
+            bt = node["block"][0]
+            need(node["inputs"][1], first * bt, end * bt)
+            need(source, first * bt, end * bt)
+            if len(node["inputs"]) == 3:
+                offsets = [0, *node.get("neighbours", ())]
+                need(node["inputs"][2], first * bt + min(offsets), end * bt + max(offsets))
+        elif op == "blend":
+            offsets = [tap[0] for tap in node["taps"]]
+            need(source, first, end)
+            need(node["inputs"][1], first + min([0, *offsets]), end + max([0, *offsets]))
+            need(node["inputs"][2], first, end)
+        else:
+            for name in node["inputs"]:
+                need(name, first, end)
+    return needed
 
 
 def tensor_shapes(graph: dict) -> dict[str, tuple[int, ...]]:
@@ -142,16 +189,20 @@ def tensor_shapes(graph: dict) -> dict[str, tuple[int, ...]]:
 
 
 def gflop_per_frame(graph: dict, height: int = 128, width: int = 128) -> float:
-    """2 × multiply-adds of all convolutions for one result frame (a window's work over `hop`), in 10⁹."""
-    known = shapes(graph, height, width)
+    """2 × multiply-adds of all convolutions for one result frame (a window's work over `hop`), in 10⁹.
+
+    Frames that no result depends on are not computed and don't count.
+    """
+    known, needed = shapes(graph, height, width), needed_frames(graph)
     macs = 0
     for node in graph["nodes"]:
-        if node["op"] not in CONVOLUTIONS:
+        if node["op"] not in CONVOLUTIONS or node["name"] not in needed:
             continue
         inside = known[node["inputs"][0]]
         # A transposed convolution spreads each *input* position over its kernel.
-        at = known[node["name"]] if node["op"] == "conv3d" else inside
-        macs += at.t * at.y * at.x * prod(node["kernel"]) * inside.c * node["out_channels"]
+        name = node["name"] if node["op"] == "conv3d" else node["inputs"][0]
+        at, (first, end) = known[name], needed[name]
+        macs += (end - first) * at.y * at.x * prod(node["kernel"]) * inside.c * node["out_channels"]
     return 2e-9 * macs / graph["window"]["hop"]
 
 

@@ -72,12 +72,12 @@ class Objective:
         """The loss of a batch."""
         if self.stage == "ldr":
             node = self.inverse_node
-            videos = net.result(net(batch.measurement, batch.exposure, until=node["inputs"][0])).float()
+            videos = net(batch.measurement, batch.exposure, until=node["inputs"][0]).float()
             return sum(
                 self.loss(videos[:, i], net.inverse.forward(batch.truth * float(e)))
                 for i, e in enumerate(node["exposures"])
             )
-        value = net.result(net(batch.measurement, batch.exposure, toned=True)).float()[:, 0]
+        value = net(batch.measurement, batch.exposure, toned=True).float()[:, 0]
         if self.medium is None:
             return self.loss(value, tone(batch.truth))
         irradiance = inverse_tone(value).clamp(min=0.0)

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from .layout import gflop_per_frame, granularity, parameter_count
+from .layout import gflop_per_frame, granularity, needed_frames, parameter_count
 
 LEAKY = {"leaky_relu": 0.2}
 
@@ -24,52 +24,78 @@ def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none",
     return node if add is None else {**node, "add": add}
 
 
-def fast(
-    width=32,
-    temporal=(3, 1, 3, 1, 3, 3),
+def kernel_net(
+    widths,
+    blocks,
     *,
-    name="fast",
+    name,
     pattern="mpve-1-4",
+    period=8,
     hop=40,
     fold=(2, 4),
+    temporal=(3, 1, 1),
     channels=("log_irradiance", "log_estimate", "saturated"),
 ):
-    """One net in the tone curve's domain: a residual over the box estimate, the pattern's tile in channels.
+    """One net that predicts kernels: for each pixel weights over log irradiances around it, and a residual.
 
-    `temporal` is the extent in frames of each convolution: entry, pairs of a residual block, tail; in space all are
-    3×3. The window's lead is what they reach in time, so a result does not depend on where windows begin: `hop` can
-    be as long as memory and latency allow.
+    A U-net on the pattern's folded tile. `widths` are those of its levels, each half as wide and high as the one before;
+    `blocks` are the residual blocks of each level, half of them on the way down and half on the way up. A block is a
+    convolution over `temporal` and one over 3×3 pixels. The taps are 3×3 pixels of the same frame, and the same
+    pixel half a period, a period and two frames before and after. The window's lead is all that the net reaches in
+    time, so a result does not depend on where windows begin: `hop` can be as long as memory and latency allow.
     """
-    entry, *inner, tail = temporal
-    lead = sum(t // 2 for t in temporal)
-    window = {"frames": hop + 2 * lead, "lead": lead, "hop": hop}
+    steps = [-period, -period // 2, period // 2, period]
+    taps = [[0, dy, dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    taps += [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
+    half, spatial = (1, 2, 2), (1, 3, 3)
     nodes = [
         {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]},
         {
             "name": "features",
             "op": "features",
-            "inputs": ["measurement", "estimate"],
+            "inputs": ["measurement", "estimate", "log_irradiance"],
             "channels": list(channels),
+            "neighbours": steps,
             "block": [1, *fold],
         },
-        conv("entry", "features", width, (entry, 3, 3), activation=LEAKY),
+        conv("entry", "features", widths[0], spatial, activation=LEAKY),
     ]
-    last = "entry"
-    for i in range(0, len(inner), 2):
-        a, b = f"block{i // 2 + 1}a", f"block{i // 2 + 1}b"
-        nodes.append(conv(a, last, width, (inner[i], 3, 3), activation=LEAKY))
-        nodes.append(conv(b, a, width, (inner[i + 1], 3, 3), add=last))
-        last = b
-    nodes.append(conv("tail", last, fold[0] * fold[1], (tail, 3, 3)))
-    nodes.append({"name": "radiance", "op": "unfold", "inputs": ["tail", "estimate"], "block": [1, *fold], "start": 0})
-    return {
-        "version": 1,
-        "name": name,
-        "pattern": pattern,
-        "window": window,
-        "nodes": nodes,
-        "output": "radiance",
-    }
+    last, skips = "entry", []
+
+    def residual(last: str, level: int, indices) -> str:
+        for i in indices:
+            a, b = f"level{level}block{i}a", f"level{level}block{i}b"
+            nodes.append(conv(a, last, widths[level], temporal, activation=LEAKY))
+            nodes.append(conv(b, a, widths[level], spatial, add=last))
+            last = b
+        return last
+
+    deepest = len(widths) - 1
+    for level, count in enumerate(blocks):
+        if level:
+            skips.append(last)
+            nodes.append(conv(f"down{level}", last, widths[level], spatial, stride=half, activation=LEAKY))
+            last = f"down{level}"
+        last = residual(last, level, range(1, (count if level == deepest else count // 2) + 1))
+    for level in reversed(range(deepest)):
+        nodes.append(conv(f"up{level}", last, widths[level], half, stride=half, transpose=True, add=skips.pop()))
+        last = residual(f"up{level}", level, range(blocks[level] // 2 + 1, blocks[level] + 1))
+    if deepest:
+        nodes.append(conv("fine", last, widths[0], spatial, activation=LEAKY))
+        last = "fine"
+    nodes.append(conv("tail", last, fold[0] * fold[1] * (len(taps) + 1), (1, 1, 1)))
+    inputs = ["tail", "log_irradiance", "estimate"]
+    nodes.append({"name": "radiance", "op": "blend", "inputs": inputs, "block": [1, *fold], "taps": taps})
+    graph = {"version": 1, "name": name, "pattern": pattern, "nodes": nodes, "output": "radiance"}
+    return {**graph, "window": window_around(graph, hop)}
+
+
+def window_around(graph: dict, hop: int) -> dict:
+    """The window whose lead is what the net reaches in time."""
+    far = 8 * hop
+    first, _ = needed_frames({**graph, "window": {"frames": 2 * far + hop, "lead": far, "hop": hop}})["measurement"]
+    return {"frames": hop + 2 * (far - first), "lead": far - first, "hop": hop}
 
 
 def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper", exposures=(2, 4, 8), weight_floor=1e-3):
@@ -144,9 +170,9 @@ def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper
 
 
 PRESETS = {
-    "fast": lambda: fast(),
-    "medium": lambda: fast(24, (3, 1, 3, 3), name="medium"),
-    "tiny": lambda: fast(16, (3, 1, 3, 1), name="tiny"),
+    "tiny": lambda: kernel_net((16, 32), (0, 2), name="tiny"),
+    "medium": lambda: kernel_net((24, 48, 64), (0, 4, 2), name="medium"),
+    "fast": lambda: kernel_net((32, 64, 96), (0, 4, 2), name="fast"),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
 }

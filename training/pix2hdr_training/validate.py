@@ -29,7 +29,7 @@ def validate(net: GraphNet, dataset: Dataset, cubes: int = 0) -> dict:
             y = torch.from_numpy(y)[None].to(device)
             e = torch.from_numpy(dataset.exposure(window, start, height, width))[None].to(device)
             wanted = tone(torch.from_numpy(truth).to(device))
-            irradiance = net.result(net(y, e))[0, 0]
+            irradiance = net(y, e)[0, 0]
             cut = slice(window["lead"], window["lead"] + window["hop"])
             box = box_estimate(y, e, net.inverse)[0, cut]
             for i, video in enumerate((irradiance, box)):

@@ -7,7 +7,7 @@ import numpy as np
 from pix2hdr_training.pattern import exposure_table
 
 
-def make_dataset(folder, *, cubes=4, frames=24, size=32, pattern="mpve-1-4", start=4, seed=0, table=None):
+def make_dataset(folder, *, cubes=4, frames=40, size=32, pattern="mpve-1-4", start=4, seed=0, table=None):
     """Writes two shards; `table` is the inverse response (default: linear)."""
     rng = np.random.default_rng(seed)
     camera = exposure_table(pattern)

@@ -17,7 +17,7 @@ from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main
 from pix2hdr_training.validate import validate
 from test_export import load_script
 
-SMALL = {"fast": presets.fast(8, (3, 1, 3, 1), hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
+SMALL = {"fast": presets.kernel_net((8, 12), (1, 2), name="small", hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
 
 
 def fake_vgg(folder):
@@ -35,16 +35,16 @@ def fake_vgg(folder):
 
 def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
     data = Dataset(data_folder)
-    crops = Crops(data, SMALL["fast"], 6, 16, 3)
-    assert crops.starts == [2, 10]  # (4 + start + 2) divisible by 8
-    assert data.window_starts(SMALL["paper"]["window"]) == [2, 6, 10, 14]
+    crops = Crops(data, SMALL["fast"], 6, 16, 3, ends=0.0)
+    assert crops.starts == [1, 9]  # (4 + start + 11) divisible by 8
+    assert data.window_starts(SMALL["paper"]["window"]) == list(range(2, 33, 4))
     a, b, c = crops(5), crops(5), crops(6)
     assert torch.equal(a.measurement, b.measurement) and torch.equal(a.truth, b.truth)
     assert not torch.equal(a.measurement, c.measurement)
-    assert a.measurement.shape == (6, 12, 16, 16) and a.truth.shape == (6, 8, 16, 16)
+    assert a.measurement.shape == (6, 30, 16, 16) and a.truth.shape == (6, 8, 16, 16)
     # Pixels of exposure 8 hold one value over a whole read-out, so the exposure table lies right.
     long = a.exposure[0, 0] == 8
-    for frames in (slice(2, 6), slice(6, 10)):
+    for frames in (slice(3, 11), slice(11, 19)):
         assert torch.all(a.measurement[:, frames][:, :, long] == a.measurement[:, frames][:, :1, long])
 
 
