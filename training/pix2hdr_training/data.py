@@ -127,15 +127,27 @@ def end_of_recording(measurement: np.ndarray, first: int, end: int, period: int)
     return measurement[np.where(t < first, before, np.where(t >= end, behind, t))]
 
 
+def miscalibrated(rng, measurement: np.ndarray, exposure: np.ndarray) -> np.ndarray:
+    """y as a recording has it whose calibration is off: black level by up to 1.2% of white, gain by about 1% for each
+    exposure on its own, and half of the times eight bits. Saturated pixels stay so."""
+    error = float(np.exp(rng.uniform(np.log(0.001), np.log(0.012)))) * rng.choice((-1.0, 1.0))
+    y = measurement.copy()
+    for e in np.unique(exposure):
+        here = exposure == e
+        y[here] = y[here] * (1.0 + 0.01 * rng.standard_normal()) + error
+    y = np.where(measurement >= 0.999, measurement, np.clip(y, 0.0, 1.0))
+    return (np.rint(y * 255.0) / 255.0 if rng.random() < 0.5 else y).astype(np.float32)
+
+
 class Crops:
     """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
 
-    A share `ends` of the crops lies at the beginning or end of a recording.
+    A share `ends` of the crops lies at the beginning or end of a recording, a share `off` is `miscalibrated`.
     """
 
-    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.3):
+    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.3, off: float = 0.3):
         self.dataset, self.window = dataset, graph["window"]
-        self.batch, self.crop, self.seed, self.ends = batch, crop, seed, ends
+        self.batch, self.crop, self.seed, self.ends, self.off = batch, crop, seed, ends, off
         rows, columns = granularity(graph)
         # Crops must begin where a block and a tile begin.
         self.step_y, self.step_x = lcm(rows, dataset.table.tile[0]), lcm(columns, dataset.table.tile[1])
@@ -161,6 +173,8 @@ class Crops:
             y0 = self.step_y * int(rng.integers((data.height - crop) // self.step_y + 1))
             x0 = self.step_x * int(rng.integers((data.width - crop) // self.step_x + 1))
             measurement, truth = data.read(cube, self.window, start, y0, x0, crop, crop)
+            if rng.random() < self.off:
+                measurement = miscalibrated(rng, measurement, self.exposures[start])
             pairs.append((self._end(rng, measurement), truth))
             starts.append(start)
         exposure = np.stack([self.exposures[s] for s in (starts[:1] if self.one_exposure else starts)])

@@ -261,9 +261,12 @@ class GraphNet(nn.Module):
         logs = values[node["inputs"][1]]
         x = unfold(x, node["block"]).to(base.dtype)
         v = base + x[:, -1:]
-        for i, tap in enumerate(node["taps"]):
-            value, inside = shifted(logs.tensor[:, 0], first - logs.first, x.shape[2], tap)
-            v = v + (x[:, i] * (value - inside * base[:, 0])).unsqueeze(1)
+        if node["taps"]:
+            differences = x.new_empty(len(x), len(node["taps"]), *x.shape[2:])
+            for i, tap in enumerate(node["taps"]):
+                value, inside = shifted(logs.tensor[:, 0], first - logs.first, x.shape[2], tap)
+                differences[:, i] = value - inside * base[:, 0]
+            v = v + (x[:, :-1] * differences).sum(1, keepdim=True)
         return v
 
     def _features(self, node: dict, values: dict, exposure: Tensor, first: int, end: int) -> Tensor:

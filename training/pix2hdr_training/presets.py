@@ -40,12 +40,13 @@ def kernel_net(
 
     A U-net on the pattern's folded tile. `widths` are those of its levels, each half as wide and high as the one before;
     `blocks` are the residual blocks of each level, half of them on the way down and half on the way up. A block is a
-    convolution over `temporal` and one over 3×3 pixels. The taps are 3×3 pixels of the same frame, and the same
+    convolution over `temporal` and one over 3×3 pixels. The taps are 5×5 pixels of the same frame, and the same
     pixel half a period, a period and two frames before and after. The window's lead is all that the net reaches in
     time, so a result does not depend on where windows begin: `hop` can be as long as memory and latency allow.
     """
     steps = [-period, -period // 2, period // 2, period]
-    taps = [[0, dy, dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    near = range(-2, 3)
+    taps = [[0, dy, dx] for dy in near for dx in near]
     taps += [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
     half, spatial = (1, 2, 2), (1, 3, 3)
     nodes = [

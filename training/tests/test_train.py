@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from pix2hdr_training import presets
-from pix2hdr_training.data import Crops, Dataset, DatasetError
+from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated
 from pix2hdr_training.export import net_from_weights, read_weights
 from pix2hdr_training.graph import GraphNet
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, mean_ssim
@@ -35,7 +35,7 @@ def fake_vgg(folder):
 
 def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
     data = Dataset(data_folder)
-    crops = Crops(data, SMALL["fast"], 6, 16, 3, ends=0.0)
+    crops = Crops(data, SMALL["fast"], 6, 16, 3, ends=0.0, off=0.0)
     assert crops.starts == [1, 9]  # (4 + start + 11) divisible by 8
     assert data.window_starts(SMALL["paper"]["window"]) == list(range(2, 33, 4))
     a, b, c = crops(5), crops(5), crops(6)
@@ -46,6 +46,24 @@ def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
     long = a.exposure[0, 0] == 8
     for frames in (slice(3, 11), slice(11, 19)):
         assert torch.all(a.measurement[:, frames][:, :, long] == a.measurement[:, frames][:, :1, long])
+
+
+def test_ends_of_recordings_keep_the_phase():
+    frames = np.arange(30, dtype=np.float32)[:, None, None]
+    window = end_of_recording(frames, 5, 27, 8)[:, 0, 0]
+    assert np.all(window[5:27] == np.arange(5, 27))
+    assert np.all((window >= 5) & (window < 27)) and np.all((window - np.arange(30)) % 8 == 0)
+    assert window[4] == 12 and window[27] == 19
+
+
+def test_miscalibration_is_small_and_keeps_saturation():
+    rng = np.random.default_rng(0)
+    y = rng.random((4, 8, 8)).astype(np.float32)
+    y[0] = 1.0
+    exposure = rng.choice([2.0, 4.0, 8.0], y.shape)
+    changed = [miscalibrated(rng, y, exposure) for _ in range(20)]
+    assert all(np.all(c[0] == 1.0) and c.min() >= 0 and c.max() <= 1 and c.dtype == np.float32 for c in changed)
+    assert all(0 < np.abs(c - y).max() < 0.08 for c in changed)
 
 
 def test_broken_data_sets_are_named(tmp_path, data_folder):
