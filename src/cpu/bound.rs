@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use super::camera::{Camera, Tone, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{box_estimate, conv_transpose3d, conv3d, features, unfold};
+use super::{Simd, box_estimate, conv_transpose3d, conv3d, features, unfold};
 use crate::network::{Activation, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
 use crate::sensor::Calibration;
 
@@ -169,8 +169,8 @@ fn convolution_error(
         ..*step
     };
     let packed = match kernel {
-        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute),
-        _ => conv3d::pack(&absolute),
+        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute, Simd::widest()),
+        _ => conv3d::pack(&absolute, Simd::widest()),
     };
     let mut error = Tensor::filled(output.shape, 0.0);
     let magnitudes = inputs[0].map(|x| x.abs());
