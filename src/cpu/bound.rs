@@ -67,7 +67,7 @@ pub fn bound(
                     *error = match channel {
                         Feature::Measurement | Feature::Saturated => 0.0,
                         Feature::LogIrradiance => tone_error(
-                            inverse_response(calibration, measured) / exposure as f64,
+                            inverse_response(&calibration.inverse_response, measured) / exposure as f64,
                             irradiance_error(calibration, measured, exposure),
                         ),
                         Feature::LogEstimate => tone_error(view(1).line(t, y)[x], 0.0),

@@ -22,14 +22,11 @@ pub fn run<R: Real>(
             Feature::Measurement => line.copy_from_slice(measured),
             Feature::LogIrradiance => {
                 camera.irradiance(t, y, measured, line);
-                for value in line {
-                    *value = tone.of(*value);
-                }
+                tone.of_all(line);
             }
             Feature::LogEstimate => {
-                for (value, &p) in line.iter_mut().zip(estimate.line(t, y)) {
-                    *value = tone.of(p);
-                }
+                line.copy_from_slice(estimate.line(t, y));
+                tone.of_all(line);
             }
             Feature::Saturated => {
                 for (value, &measured) in line.iter_mut().zip(measured) {

@@ -8,6 +8,9 @@
 // Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
 
+use std::hint::black_box;
+use std::time::Instant;
+
 use super::Real;
 use super::simd::{Simd, Target, Task, Vector};
 
@@ -136,4 +139,34 @@ pub fn multiply<R: Real, T: Target, const PIXELS: usize, const VECTORS: usize>(
             }
         }
     }
+}
+
+/// Products and sums (two operations each) that one thread does in a second at most, with these instructions.
+pub fn peak(simd: Simd) -> f64 {
+    /// Steps of the loop that is measured, and products in each: enough to hide how long one takes.
+    const STEPS: usize = 100_000;
+    const SUMS: usize = 12;
+    struct Probe;
+    impl Task for Probe {
+        #[inline(always)]
+        fn run<T: Target>(self, target: T) {
+            let [a, b] = black_box([0.5, 1.0]).map(|value| T::F32::splat(target, value));
+            let mut sums = [a; SUMS];
+            for _ in 0..STEPS {
+                sums = sums.map(|sum| sum.add_product(a, b));
+            }
+            let mut result = [0.0; 16];
+            for sum in sums {
+                sum.store(&mut result);
+                black_box(&mut result);
+            }
+        }
+    }
+    let lanes = if simd.wide() { 16 } else { 8 };
+    let seconds = (0..50).map(|_| {
+        let begin = Instant::now();
+        simd.run(Probe);
+        begin.elapsed().as_secs_f64()
+    });
+    (2 * lanes * SUMS * STEPS) as f64 / seconds.fold(f64::INFINITY, f64::min)
 }

@@ -22,6 +22,7 @@ mod unfold;
 mod view;
 
 pub use executor::CpuExecutor;
+pub use gemm::peak;
 pub use real::Real;
 pub use simd::Simd;
 

@@ -1,6 +1,9 @@
 //! `unfold`: channels unfolded into blocks of pixels, as a residual over the estimate in the log domain.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
 use super::camera::Tone;
+use super::simd::{Simd, Target, Task};
 use super::{Real, TensorView, TensorViewMut};
 use crate::network::Block;
 
@@ -13,11 +16,26 @@ pub fn run<R: Real>(
 ) {
     let tone = Tone::new();
     unfold(block, residual, output, |t, y, line| {
-        for (result, &estimate) in line.iter_mut().zip(estimate.line(t, y)) {
+        Simd::widest().run(Residual { tone, estimate: estimate.line(t, y), line });
+    });
+}
+
+/// Turns residuals along a line into results.
+struct Residual<'a, R> {
+    tone: Tone<R>,
+    estimate: &'a [R],
+    line: &'a mut [R],
+}
+
+impl<R: Real> Task for Residual<'_, R> {
+    #[inline(always)]
+    fn run<T: Target>(self, _: T) {
+        let Self { tone, estimate, line } = self;
+        for (result, &estimate) in line.iter_mut().zip(estimate) {
             let value = tone.of(estimate) + *result;
             *result = tone.inverse(value.at_least(R::ZERO).at_most(R::ONE));
         }
-    });
+    }
 }
 
 /// Pixel (dt, dy, dx) of a block is channel (dt·by + dy)·bx + dx. `finish` turns the values along row y of
