@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use pix2hdr::cpu::bound::{self, bound, largest_fraction};
-use pix2hdr::cpu::{CpuExecutor, evaluate};
+use pix2hdr::cpu::{CpuExecutor, Simd, evaluate};
 use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Tensor, Window};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
@@ -113,18 +113,20 @@ fn run<E: Executor>(mut executor: E, plan: &Plan, seed: u64) -> Vec<f32> {
 #[test]
 fn every_step_at_f32_is_within_its_bound() {
     let camera = camera();
-    for (model, [height, width]) in nets() {
+    let nets =
+        nets().into_iter().flat_map(|net| Simd::available().into_iter().map(move |simd| (net.clone(), simd)));
+    for ((model, [height, width]), simd) in nets {
         let plan = Plan::lower(&model, height, width).unwrap();
         let measurement = measurement(plan.measurement.shape.len(), 7);
-        let mut executor = CpuExecutor::<f32>::new(plan, camera.clone());
+        let mut executor = CpuExecutor::<f32>::with_simd(plan, camera.clone(), simd);
         executor
             .trace(&measurement, SCHEDULE, &mut |step, inputs, actual| {
                 let inputs: Vec<Tensor<f64>> = inputs.iter().map(|x| x.map(|&v| v as f64)).collect();
                 let exact = evaluate(&step.kernel, &inputs, actual.shape, &camera, SCHEDULE);
                 let bound = bound(&step.kernel, &inputs, &exact, &camera, SCHEDULE, bound::F32);
                 let fraction = largest_fraction(actual, &exact, &bound);
-                println!("{:12} {fraction:.3}", step.name);
-                assert!(fraction <= 1.0, "{}: {fraction} of the bound", step.name);
+                println!("{:8} {:12} {fraction:.3}", simd.name(), step.name);
+                assert!(fraction <= 1.0, "{}, {}: {fraction} of the bound", simd.name(), step.name);
 
                 // The comparison can fail: a value that is off by a little more than its bound is found,
                 // and no bound is so wide that it would hide a wrong result.
@@ -144,6 +146,21 @@ fn every_step_at_f32_is_within_its_bound() {
                 );
             })
             .unwrap();
+    }
+}
+
+/// Tiles of other widths add the same products in the same order.
+#[test]
+fn the_width_of_vectors_changes_nothing() {
+    let fused: Vec<Simd> = Simd::available().into_iter().filter(|simd| simd.name() != "baseline").collect();
+    for (model, [height, width]) in nets() {
+        let plan = Plan::lower(&model, height, width).unwrap();
+        let results: Vec<Vec<u32>> = fused
+            .iter()
+            .map(|&simd| CpuExecutor::<f32>::with_simd(plan.clone(), camera(), simd))
+            .map(|executor| run(executor, &plan, 9).iter().map(|v| v.to_bits()).collect())
+            .collect();
+        assert!(results.windows(2).all(|pair| pair[0] == pair[1]), "{}", plan.name);
     }
 }
 

@@ -58,18 +58,17 @@ impl Blend<'_> {
         scratch: &ScratchPool<R>,
     ) {
         let tone = Tone::new();
-        self.for_each_pixel(inputs, output, scratch, |pixel| {
-            tone.inverse(pixel.sum().at_least(R::ZERO).at_most(R::ONE))
-        });
+        self.for_each_pixel(inputs, output, scratch, |pixel| pixel.sum(), |line| tone.inverse_of_all(line));
     }
 
-    /// Writes what `result` makes of each pixel.
+    /// Writes what `result` makes of each pixel, and `finish` of a line of these.
     pub(super) fn for_each_pixel<R: Real>(
         &self,
         Inputs { weights, logs, estimate }: Inputs<'_, R>,
         output: TensorViewMut<'_, R>,
         scratch: &ScratchPool<R>,
         result: impl Fn(Pixel<'_, R>) -> R + Sync,
+        finish: impl Fn(&mut [R]) + Sync,
     ) {
         let tone = Tone::new();
         let [_, by, bx] = self.block;
@@ -82,7 +81,8 @@ impl Blend<'_> {
                     let estimates = estimate.line(t, y);
                     let base = &mut scratch.sums;
                     base.clear();
-                    base.extend(estimates.iter().map(|&p| tone.of(p)));
+                    base.extend(estimates);
+                    tone.of_all(base);
                     // [x][tap]
                     let near = &mut scratch.gathered;
                     near.clear();
@@ -99,10 +99,12 @@ impl Blend<'_> {
                     let first = y % by * bx * (n + 1);
                     let blocks = weights.row(t, y / by);
                     let pixels = blocks.flat_map(|block| block[first..].chunks_exact(n + 1).take(bx));
-                    for (x, (value, weights)) in rows.line(row).iter_mut().zip(pixels).enumerate() {
+                    let line = rows.line(row);
+                    for (x, (value, weights)) in line.iter_mut().zip(pixels).enumerate() {
                         let logs = &near[x * n..][..n];
                         *value = result(Pixel { estimate: estimates[x], base: base[x], logs, weights });
                     }
+                    finish(line);
                 }
             });
         });

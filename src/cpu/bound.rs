@@ -10,7 +10,7 @@ use std::sync::Arc;
 use super::blend::{Blend, Inputs};
 use super::camera::{Camera, Tone, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{box_estimate, conv_transpose3d, conv3d, features};
+use super::{Simd, box_estimate, conv_transpose3d, conv3d, features};
 use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
 use crate::sensor::Calibration;
 
@@ -114,18 +114,24 @@ pub fn bound(
         Kernel::Blend { block, taps, lead } => {
             let blend = Blend { block: *block, taps, lead: *lead };
             let inputs = Inputs { weights: view(0), logs: view(1), estimate: view(2) };
-            blend.for_each_pixel(inputs, TensorViewMut::dense(&mut error), scratch, |pixel| {
-                let (base, residual) = (pixel.base, pixel.weights[taps.len()]);
-                let (mut terms, mut total) = (0.0, 1.0);
-                for (log, weight) in pixel.logs.iter().zip(pixel.weights) {
-                    terms += (weight * (log - base)).abs();
-                    total += weight.abs();
-                }
-                let sums = (taps.len() + 3) as f64 * U * (base.abs() + terms + residual.abs());
-                let value = (pixel.sum()).clamp(0.0, 1.0);
-                let error = sums + total * tone_error(pixel.estimate, 0.0);
-                inverse_tone_error(Tone::new().inverse(value), error)
-            });
+            blend.for_each_pixel(
+                inputs,
+                TensorViewMut::dense(&mut error),
+                scratch,
+                |pixel| {
+                    let (base, residual) = (pixel.base, pixel.weights[taps.len()]);
+                    let (mut terms, mut total) = (0.0, 1.0);
+                    for (log, weight) in pixel.logs.iter().zip(pixel.weights) {
+                        terms += (weight * (log - base)).abs();
+                        total += weight.abs();
+                    }
+                    let sums = (taps.len() + 3) as f64 * U * (base.abs() + terms + residual.abs());
+                    let value = (pixel.sum()).clamp(0.0, 1.0);
+                    let error = sums + total * tone_error(pixel.estimate, 0.0);
+                    inverse_tone_error(Tone::new().inverse(value), error)
+                },
+                |_| (),
+            );
         }
     }
     let least = smallest_normal(storage);
@@ -187,8 +193,8 @@ fn convolution_error(
         ..*step
     };
     let packed = match kernel {
-        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute),
-        _ => conv3d::pack(&absolute),
+        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute, Simd::widest()),
+        _ => conv3d::pack(&absolute, Simd::widest()),
     };
     let mut error = Tensor::filled(output.shape, 0.0);
     let magnitudes = inputs[0].map(|x| x.abs());
@@ -249,7 +255,7 @@ fn irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
 
 /// Error of l(R⁻¹(y)/e).
 fn log_irradiance_error(calibration: &Calibration, y: f64, exposure: f32) -> f64 {
-    let irradiance = inverse_response(calibration, y) / exposure as f64;
+    let irradiance = inverse_response(&calibration.inverse_response, y) / exposure as f64;
     tone_error(irradiance, irradiance_error(calibration, y, exposure))
 }
 

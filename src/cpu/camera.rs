@@ -1,6 +1,9 @@
 //! The camera's tables and the tone curve, as kernels use them.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
 use super::Real;
+use super::simd::{Simd, Target, Task};
 use crate::network::MU;
 use crate::sensor::Calibration;
 
@@ -21,25 +24,50 @@ impl Camera<'_> {
 
     /// Irradiance R⁻¹(y)/e along row y of frame t, of what was `measured` there.
     pub fn irradiance<R: Real>(&self, t: usize, y: usize, measured: &[R], irradiance: &mut [R]) {
-        let values = irradiance.iter_mut().zip(measured).zip(self.exposures(t, y));
-        for ((irradiance, &measured), exposure) in values {
-            *irradiance = inverse_response(self.calibration, measured) / R::from_f32(exposure);
+        let period = self.calibration.row(self.schedule.wrapping_add(t as i64), y);
+        // Several periods in a row, so that loops over them are long enough for vectors.
+        let mut repeated = [1.0; 64];
+        for (repeated, &exposure) in repeated.iter_mut().zip(period.iter().cycle()) {
+            *repeated = exposure;
         }
+        let whole = repeated.len() / period.len() * period.len();
+        let exposures = if whole > 0 { &repeated[..whole] } else { period };
+        let table = &self.calibration.inverse_response;
+        Simd::widest().run(Irradiance { table, exposures, measured, irradiance });
     }
 
     /// l of the irradiance.
     pub fn log_irradiance<R: Real>(&self, t: usize, y: usize, measured: &[R], line: &mut [R]) {
         self.irradiance(t, y, measured, line);
-        let tone = Tone::new();
-        for value in line {
-            *value = tone.of(*value);
+        Tone::new().of_all(line);
+    }
+}
+
+/// Turns what was measured into irradiance; exposures repeat.
+struct Irradiance<'a, R> {
+    table: &'a [f32],
+    exposures: &'a [f32],
+    measured: &'a [R],
+    irradiance: &'a mut [R],
+}
+
+impl<R: Real> Task for Irradiance<'_, R> {
+    #[inline(always)]
+    fn run<T: Target>(self, _: T) {
+        let n = self.exposures.len();
+        for (irradiance, measured) in self.irradiance.chunks_mut(n).zip(self.measured.chunks(n)) {
+            for ((irradiance, &measured), &exposure) in
+                irradiance.iter_mut().zip(measured).zip(self.exposures)
+            {
+                *irradiance = inverse_response(self.table, measured) / R::from_f32(exposure);
+            }
         }
     }
 }
 
 /// R⁻¹(y) in p·frames: linear between the table's nodes; the first node below 0, the last one from 1 on.
-pub fn inverse_response<R: Real>(calibration: &Calibration, y: R) -> R {
-    let table = &calibration.inverse_response;
+#[inline(always)]
+pub fn inverse_response<R: Real>(table: &[f32], y: R) -> R {
     let intervals = table.len() - 1;
     let position = y.at_least(R::ZERO).at_most(R::ONE) * R::from_f64(intervals as f64);
     let index = position.to_index().min(intervals - 1);
@@ -68,12 +96,48 @@ impl<R: Real> Tone<R> {
     }
 
     /// l(p).
+    #[inline(always)]
     pub fn of(&self, p: R) -> R {
         (self.mu * p).ln_1p() * self.ln_1p_mu_recip
     }
 
     /// l⁻¹(v).
+    #[inline(always)]
     pub fn inverse(&self, v: R) -> R {
         (v * self.ln_1p_mu).exp_m1() * self.mu_recip
+    }
+
+    /// l of all values.
+    pub fn of_all(&self, values: &mut [R]) {
+        Simd::widest().run(OfAll(*self, values));
+    }
+
+    /// l⁻¹ of all values, clamped to [0, 1].
+    pub fn inverse_of_all(&self, values: &mut [R]) {
+        Simd::widest().run(InverseOfAll(*self, values));
+    }
+}
+
+struct InverseOfAll<'a, R>(Tone<R>, &'a mut [R]);
+
+impl<R: Real> Task for InverseOfAll<'_, R> {
+    #[inline(always)]
+    fn run<T: Target>(self, _: T) {
+        let Self(tone, values) = self;
+        for value in values {
+            *value = tone.inverse(value.at_least(R::ZERO).at_most(R::ONE));
+        }
+    }
+}
+
+struct OfAll<'a, R>(Tone<R>, &'a mut [R]);
+
+impl<R: Real> Task for OfAll<'_, R> {
+    #[inline(always)]
+    fn run<T: Target>(self, _: T) {
+        let Self(tone, values) = self;
+        for value in values {
+            *value = tone.of(*value);
+        }
     }
 }

@@ -5,8 +5,15 @@
 //! into scratch memory, padded with zeros. There, the taps along x of a pixel and their channels are one run
 //! of neighbouring values, so that the sum is a product of short runs with packed weights ([`super::gemm`]),
 //! without an im2col copy.
+//!
+//! Few output channels would leave vectors half empty. So a *group* of neighbouring results along x can count
+//! as one result with all their channels, whose run is so much longer; weights outside of a result's own taps
+//! are zero, which changes no sum.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
-use super::gemm::{Product, Segment, Tile};
+use super::gemm::{Product, Segment, Tile, TileTask, multiply};
+use super::simd::{Simd, Target, Vector};
 use super::view::{Rows, Scratch, positions};
 use super::{Real, ScratchPool, TensorView, TensorViewMut};
 use crate::network::{Activation, ConvolutionStep};
@@ -17,9 +24,11 @@ const BLOCK: usize = 192;
 /// Columns of a block at most.
 const BLOCK_COLUMNS: usize = 64;
 
-/// Values of a pixel that are multiplied in one go: that many rows of a panel should stay in the first-level
-/// cache.
+/// Values of a pixel that are multiplied in one go, at most.
 const DEPTH: usize = 256;
+
+/// Weights that are used in one go, at most: they should stay in the first-level cache.
+const PANEL: usize = 8192;
 
 /// Which inputs the results along one axis depend on. Results at positions o ≡ i (mod n) are of phase i,
 /// where n is the number of phases.
@@ -46,9 +55,15 @@ pub struct Packed<R> {
     axes: [Axis; 3],
     in_channels: usize,
     out_channels: usize,
+    /// Number of products that a result is the sum of, at most.
+    products: usize,
+    simd: Simd,
     tile: Tile,
+    /// Results along x that count as one.
+    group: usize,
     /// For each phase along t, y and x, weights [panel][tap t, y, x][in channel][channel of the panel].
     weights: Vec<Vec<R>>,
+    /// One value a channel of each panel, as those below.
     bias: Vec<R>,
     norm: Option<[Vec<R>; 2]>,
     activation: Activation,
@@ -62,6 +77,26 @@ impl Axis {
         (step as isize + self.phases[phase].origin, phase)
     }
 
+    /// Results `begin` … `end` of one phase, each with its first input.
+    fn windows(
+        &self,
+        phase: usize,
+        begin: usize,
+        end: usize,
+    ) -> impl Iterator<Item = (usize, isize)> + use<> {
+        let (phases, stride, origin) = (self.phases.len(), self.stride, self.phases[phase].origin);
+        let first = begin.saturating_sub(phase).div_ceil(phases);
+        let steps = (first..).take_while(move |step| step * phases + phase < end);
+        steps.map(move |step| (step * phases + phase, (step * stride) as isize + origin))
+    }
+
+    /// Groups of results count as one; only where there is one phase.
+    fn grouped(&self, group: usize) -> Self {
+        let phases = self.phases.iter();
+        let longer = phases.map(|p| Phase { taps: p.taps + (group - 1) * self.stride, ..*p });
+        Self { stride: self.stride * group, phases: longer.collect() }
+    }
+
     /// First input, and one behind the last input, of results `begin` … `end`.
     fn range(&self, begin: usize, end: usize) -> (isize, isize) {
         let windows = (begin..end).map(|o| {
@@ -72,50 +107,82 @@ impl Axis {
     }
 }
 
+/// The tile, and results along x to a group, that take least time.
+fn tiling<R: Real>(simd: Simd, out_channels: usize, axis_x: &Axis) -> (Tile, usize) {
+    let cost = |&(tile, group): &(Tile, usize)| {
+        let taps = axis_x.grouped(group).phases[0].taps;
+        tile.cost * (out_channels * group).div_ceil(tile.width()) as f64 * taps as f64 / group as f64
+    };
+    let groups = |tile: Tile| {
+        let most = if axis_x.phases.len() == 1 { (tile.width() / out_channels).max(1) } else { 1 };
+        (1..=most).map(move |group| (tile, group))
+    };
+    let tilings = Tile::all::<R>(simd).flat_map(groups);
+    tilings.min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("there are tiles")
+}
+
 impl<R: Real> Packed<R> {
     /// Packs the weights of a layer. `weight` gives the weight from in channel i to out channel o, for a
     /// phase and a tap of it along t, y and x.
     pub fn new(
         step: &ConvolutionStep,
         axes: [Axis; 3],
+        simd: Simd,
         weight: impl Fn(usize, usize, [usize; 3], [usize; 3]) -> f32,
     ) -> Self {
         let ConvolutionStep { in_channels, out_channels, activation, ref layer, .. } = *step;
-        let tile = R::tile(out_channels);
-        let panels = out_channels.div_ceil(tile.width);
+        let taps = |axis: &Axis| axis.phases.iter().map(|phase| phase.taps).max().unwrap_or(0);
+        let products = axes.iter().map(taps).product::<usize>() * in_channels;
+        let (tile, group) = tiling::<R>(simd, out_channels, &axes[2]);
+        let panels = (group * out_channels).div_ceil(tile.width());
+        let (stride_x, phases_x) = (axes[2].stride, axes[2].phases.clone());
+        let [axis_t, axis_y, axis_x] = axes;
+        let axes = [axis_t, axis_y, axis_x.grouped(group)];
+        // Channel c of a group is out channel c mod out_channels of one of its results.
+        let grouped = |c: usize, i: usize, phase: [usize; 3], [t, y, x]: [usize; 3]| {
+            let (result, o) = (c / out_channels, c % out_channels);
+            let tap = x.checked_sub(result * stride_x).filter(|tap| *tap < phases_x[phase[2]].taps);
+            tap.filter(|_| result < group).map_or(R::ZERO, |x| R::from_f32(weight(o, i, phase, [t, y, x])))
+        };
         let mut weights = Vec::new();
         for phase in positions(axes.each_ref().map(|axis| axis.phases.len())) {
             let taps: [usize; 3] = std::array::from_fn(|i| axes[i].phases[phase[i]].taps);
             let mut packed =
-                Vec::with_capacity(panels * tile.width * in_channels * taps.iter().product::<usize>());
+                Vec::with_capacity(panels * tile.width() * in_channels * taps.iter().product::<usize>());
             for panel in 0..panels {
                 for tap in positions(taps) {
                     for i in 0..in_channels {
-                        packed.extend((panel * tile.width..(panel + 1) * tile.width).map(|o| {
-                            if o < out_channels { R::from_f32(weight(o, i, phase, tap)) } else { R::ZERO }
-                        }));
+                        let channels = panel * tile.width()..(panel + 1) * tile.width();
+                        packed.extend(channels.map(|c| grouped(c, i, phase, tap)));
                     }
                 }
             }
             weights.push(packed);
         }
-        let reals = |values: &[f32]| values.iter().map(|&v| R::from_f32(v)).collect::<Vec<R>>();
+        let channels = |values: &[f32]| {
+            let groups = values.iter().cycle().take(group * out_channels).map(|&v| R::from_f32(v));
+            let mut channels: Vec<R> = groups.collect();
+            channels.resize(panels * tile.width(), R::ZERO);
+            channels
+        };
         Self {
             axes,
             in_channels,
             out_channels,
+            products,
+            simd,
             tile,
+            group,
             weights,
-            bias: reals(&layer.bias),
-            norm: layer.norm.as_ref().map(|(scale, shift)| [reals(scale), reals(shift)]),
+            bias: channels(&layer.bias),
+            norm: layer.norm.as_ref().map(|(scale, shift)| [channels(scale), channels(shift)]),
             activation,
         }
     }
 
     /// Number of products that a result is the sum of, at most.
     pub fn products(&self) -> usize {
-        let taps = |axis: &Axis| axis.phases.iter().map(|phase| phase.taps).max().unwrap_or(0);
-        self.axes.iter().map(taps).product::<usize>() * self.in_channels
+        self.products
     }
 
     /// Computes all results.
@@ -126,7 +193,7 @@ impl<R: Real> Packed<R> {
         output: TensorViewMut<'_, R>,
         scratch: &ScratchPool<R>,
     ) {
-        let width = output.shape.x;
+        let width = output.shape.x.div_ceil(self.group);
         // Blocks of nearly equal width.
         let columns = width.div_ceil(width.div_ceil(BLOCK_COLUMNS).max(1)).max(1);
         // Small tensors are split further, so that all threads have work to the end.
@@ -141,7 +208,7 @@ impl<R: Real> Packed<R> {
         });
     }
 
-    /// Computes columns `begin` … `end` of some rows.
+    /// Computes columns `begin` … `end` (of groups) of some rows.
     fn block(
         &self,
         input: TensorView<'_, R>,
@@ -163,6 +230,7 @@ impl<R: Real> Packed<R> {
         gather(input, [range_t, range_y, range_x], &mut scratch.gathered);
         let row = (range_x.1 - range_x.0) as usize * self.in_channels;
         let frame = (range_y.1 - range_y.0) as usize * row;
+        let depth = DEPTH.min(PANEL / self.tile.width());
 
         for (phase_y, &Phase { taps: taps_y, .. }) in axis_y.phases.iter().enumerate() {
             for (phase_x, &Phase { taps: taps_x, .. }) in axis_x.phases.iter().enumerate() {
@@ -171,113 +239,157 @@ impl<R: Real> Packed<R> {
                 for t in 0..frames {
                     for y in 0..taps_y {
                         let offset = t * frame + y * row;
-                        let segment = |at| Segment { offset: offset + at, len: DEPTH.min(run - at) };
-                        scratch.segments.extend((0..run).step_by(DEPTH).map(segment));
+                        let segment = |at| Segment { offset: offset + at, len: depth.min(run - at) };
+                        scratch.segments.extend((0..run).step_by(depth).map(segment));
                     }
                 }
                 scratch.places.clear();
                 scratch.pixels.clear();
-                for y in 0..rows.len() {
-                    let (first_y, phase) = axis_y.window(rows.y + y);
-                    if phase != phase_y {
-                        continue;
-                    }
-                    for x in begin..end {
-                        let (first_x, phase) = axis_x.window(x);
-                        if phase == phase_x {
-                            let (y_in, x_in) =
-                                ((first_y - range_y.0) as usize, (first_x - range_x.0) as usize);
-                            scratch.pixels.push(y_in * row + x_in * self.in_channels);
-                            scratch.places.push([y, x]);
-                        }
+                for (y, first_y) in axis_y.windows(phase_y, rows.y, rows.y + rows.len()) {
+                    let row = (first_y - range_y.0) as usize * row;
+                    for (x, first_x) in axis_x.windows(phase_x, begin, end) {
+                        scratch.pixels.push(row + (first_x - range_x.0) as usize * self.in_channels);
+                        scratch.places.push([y - rows.y, x * self.group]);
                     }
                 }
                 let Some(&last) = scratch.pixels.last() else { continue };
                 // The last tile is filled up with a pixel whose sums nobody reads.
-                scratch.pixels.resize(scratch.pixels.len().next_multiple_of(self.tile.pixels), last);
+                let pixels = scratch.pixels.len().next_multiple_of(self.tile.pixels);
+                scratch.pixels.resize(pixels, last);
+                let sums = pixels * self.tile.width();
+                if scratch.sums.len() < sums {
+                    scratch.sums.resize(sums, R::ZERO);
+                }
 
                 let phases = [axis_t.phases.len(), axis_y.phases.len(), axis_x.phases.len()];
                 let weights = &self.weights[(phase_t * phases[1] + phase_y) * phases[2] + phase_x];
                 let taps_yx = taps_y * run;
-                for (index, panel) in weights.chunks_exact(taps_t * taps_yx * self.tile.width).enumerate() {
-                    self.sum(&panel[skipped * taps_yx * self.tile.width..], scratch);
-                    self.epilogue(index * self.tile.width, scratch, added, rows);
+                for (index, panel) in weights.chunks_exact(taps_t * taps_yx * self.tile.width()).enumerate() {
+                    let panel = Panel {
+                        layer: self,
+                        index,
+                        weights: &panel[skipped * taps_yx * self.tile.width()..],
+                        depth,
+                        scratch,
+                        added,
+                        rows,
+                    };
+                    self.tile.run(self.simd, panel);
                 }
             }
         }
     }
+}
 
-    /// Computes the sums of all pixels for one panel.
-    fn sum(&self, mut panel: &[R], scratch: &mut Scratch<R>) {
-        scratch.sums.clear();
-        scratch.sums.resize(scratch.pixels.len() * self.tile.width, R::ZERO);
-        let mut segments = &scratch.segments[..];
-        while !segments.is_empty() {
+/// The channels of one panel, for the pixels of a block.
+struct Panel<'a, 'r, R> {
+    layer: &'a Packed<R>,
+    index: usize,
+    weights: &'a [R],
+    /// Products in one go.
+    depth: usize,
+    scratch: &'a mut Scratch<R>,
+    added: Option<TensorView<'a, R>>,
+    rows: &'a mut Rows<'r, R>,
+}
+
+impl<R: Real> TileTask for Panel<'_, '_, R> {
+    #[inline(always)]
+    fn run<T: Target, const PIXELS: usize, const VECTORS: usize>(mut self, target: T) {
+        self.sum::<T, PIXELS, VECTORS>(target);
+        match self.layer.activation {
+            Activation::None => self.finish::<T, VECTORS>(target, |v| v),
+            Activation::LeakyRelu(slope) => {
+                let slope = R::Vector::<T>::splat(target, R::from_f32(slope));
+                self.finish::<T, VECTORS>(target, |v| v.unless_negative(v * slope));
+            }
+            Activation::Sigmoid => self.finish::<T, VECTORS>(target, |v| v.map(sigmoid)),
+            Activation::Softplus(floor) => {
+                let floor = R::from_f32(floor);
+                self.finish::<T, VECTORS>(target, |v| v.map(|v| softplus(v) + floor));
+            }
+        }
+    }
+}
+
+impl<R: Real> Panel<'_, '_, R> {
+    /// Computes the sums of all pixels.
+    #[inline(always)]
+    fn sum<T: Target, const PIXELS: usize, const VECTORS: usize>(&mut self, target: T) {
+        let width = VECTORS * R::Vector::<T>::LANES;
+        let Scratch { gathered, sums, pixels, segments, .. } = &mut *self.scratch;
+        let (mut segments, mut panel) = (&segments[..], self.weights);
+        let sums = &mut sums[..pixels.len() * width];
+        let mut first = true;
+        // Where there is nothing but padding, there are no segments; the sums are zero then.
+        while first || !segments.is_empty() {
             let mut depth = 0;
             let fits = |segment: &&Segment| {
                 depth += segment.len;
-                depth <= DEPTH
+                depth <= self.depth
             };
             let count = segments.iter().take_while(fits).count();
             let (now, later) = segments.split_at(count);
             let depth: usize = now.iter().map(|segment| segment.len).sum();
-            let (weights, rest) = panel.split_at(depth * self.tile.width);
-            let product =
-                Product { values: &scratch.gathered, pixels: &scratch.pixels, segments: now, panel: weights };
-            R::multiply(&product, self.tile, &mut scratch.sums);
-            (segments, panel) = (later, rest);
-        }
-    }
-
-    /// Turns the sums of the channels from `channel` on into results.
-    fn epilogue(
-        &self,
-        channel: usize,
-        scratch: &Scratch<R>,
-        added: Option<TensorView<'_, R>>,
-        rows: &mut Rows<'_, R>,
-    ) {
-        match self.activation {
-            Activation::None => self.finish(channel, scratch, added, rows, |v| v),
-            Activation::LeakyRelu(slope) => {
-                let slope = R::from_f32(slope);
-                self.finish(channel, scratch, added, rows, |v| if v < R::ZERO { slope * v } else { v });
-            }
-            Activation::Sigmoid => self.finish(channel, scratch, added, rows, sigmoid),
-            Activation::Softplus(floor) => {
-                let floor = R::from_f32(floor);
-                self.finish(channel, scratch, added, rows, |v| softplus(v) + floor);
-            }
+            let (weights, rest) = panel.split_at(depth * width);
+            let product = Product { values: gathered, pixels, segments: now, panel: weights };
+            multiply::<R, T, PIXELS, VECTORS>(target, &product, first, sums);
+            (segments, panel, first) = (later, rest, false);
         }
     }
 
     /// v = activation(sum + bias); with `norm`: v = v·scale + shift; with `added`: v = v + added.
-    fn finish(
-        &self,
-        channel: usize,
-        scratch: &Scratch<R>,
-        added: Option<TensorView<'_, R>>,
-        rows: &mut Rows<'_, R>,
-        activation: impl Fn(R) -> R,
+    #[inline(always)]
+    fn finish<T: Target, const VECTORS: usize>(
+        &mut self,
+        target: T,
+        activation: impl Fn(R::Vector<T>) -> R::Vector<T>,
     ) {
-        let channels = channel..self.out_channels.min(channel + self.tile.width);
-        let bias = &self.bias[channels.clone()];
-        let norm = self.norm.as_ref().map(|norm| norm.each_ref().map(|values| &values[channels.clone()]));
-        let (t, first_row) = (rows.t, rows.y);
-        for (&[y, x], sums) in scratch.places.iter().zip(scratch.sums.chunks_exact(self.tile.width)) {
-            let results = &mut rows.pixel(y, x)[channels.clone()];
-            for ((result, &sum), &bias) in results.iter_mut().zip(sums).zip(bias) {
-                *result = activation(sum + bias);
-            }
-            if let Some([scale, shift]) = norm {
-                for ((result, &scale), &shift) in results.iter_mut().zip(scale).zip(shift) {
-                    *result = *result * scale + shift;
+        let lanes = R::Vector::<T>::LANES;
+        let panel_width = VECTORS * lanes;
+        let Packed { out_channels, group, bias, norm, .. } = self.layer;
+        let channel = self.index * panel_width;
+        let vectors = |values: &[R]| -> [R::Vector<T>; VECTORS] {
+            std::array::from_fn(|i| R::Vector::<T>::load(target, &values[i * lanes..]))
+        };
+        let bias = vectors(&bias[channel..]);
+        let norm = norm.as_ref().map(|norm| norm.each_ref().map(|values| vectors(&values[channel..])));
+        // Channels of a result in this panel.
+        let channels = channel..(*out_channels).min(channel + panel_width);
+        let (t, first_row, width) = (self.rows.t, self.rows.y, self.rows.width());
+        let sums = self.scratch.sums.chunks_exact_mut(panel_width);
+        for (&[y, x], sums) in self.scratch.places.iter().zip(sums) {
+            let mut values = vectors(sums);
+            for i in 0..VECTORS {
+                values[i] = activation(values[i] + bias[i]);
+                if let Some([scale, shift]) = &norm {
+                    values[i] = values[i] * scale[i] + shift[i];
                 }
             }
-            if let Some(added) = added {
-                let added = &added.pixel(t, first_row + y, x)[channels.clone()];
-                for (result, &added) in results.iter_mut().zip(added) {
-                    *result += added;
+            if channels.len() == panel_width {
+                if let Some(added) = self.added {
+                    let added = &added.pixel(t, first_row + y, x)[channel..][..panel_width];
+                    for (value, added) in values.iter_mut().zip(vectors(added)) {
+                        *value = *value + added;
+                    }
+                }
+                let result = &mut self.rows.pixel(y, x)[channel..][..panel_width];
+                for (value, result) in values.iter().zip(result.chunks_exact_mut(lanes)) {
+                    value.store(result);
+                }
+                continue;
+            }
+            for (value, sums) in values.iter().zip(sums.chunks_exact_mut(lanes)) {
+                value.store(sums);
+            }
+            for (values, x) in sums.chunks_exact(channels.len()).zip(x..width).take(*group) {
+                let result = &mut self.rows.pixel(y, x)[channels.clone()];
+                result.copy_from_slice(values);
+                if let Some(added) = self.added {
+                    let added = &added.pixel(t, first_row + y, x)[channels.clone()];
+                    for (result, &added) in result.iter_mut().zip(added) {
+                        *result += added;
+                    }
                 }
             }
         }
@@ -285,12 +397,14 @@ impl<R: Real> Packed<R> {
 }
 
 /// 1/(1 + e⁻ᵛ), without overflow.
+#[inline(always)]
 fn sigmoid<R: Real>(v: R) -> R {
     let e = (-v.abs()).exp();
     if v < R::ZERO { e / (R::ONE + e) } else { R::ONE / (R::ONE + e) }
 }
 
 /// ln(1 + eᵛ), without overflow.
+#[inline(always)]
 fn softplus<R: Real>(v: R) -> R {
     v.at_least(R::ZERO) + (-v.abs()).exp().ln_1p()
 }

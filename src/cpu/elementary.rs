@@ -1,9 +1,12 @@
 //! ln(1 + v) and eᵛ − 1 in f32, without branches and calls: loops over them become vector code, which is
 //! several times faster than the standard library's, and is accurate to a few ULP.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
 use std::f32::consts::{LN_2, LOG2_E};
 
 /// ln(1 + v) for finite v ≥ 0.
+#[inline(always)]
 pub fn ln_1p(v: f32) -> f32 {
     let sum = 1.0 + v;
     // sum = m · 2ᵉ with m in [√½, √2).
@@ -20,6 +23,7 @@ pub fn ln_1p(v: f32) -> f32 {
 }
 
 /// eᵛ − 1 for |v| ≤ 87.
+#[inline(always)]
 pub fn exp_m1(v: f32) -> f32 {
     /// Adding and subtracting it rounds to a whole number.
     const ROUND: f32 = 1.5 * (1 << 23) as f32;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::convolution::Packed;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{Call, Real, pack};
+use super::{Call, Real, Simd, pack};
 use crate::network::{Executor, Plan, Step, Tensor, View};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
@@ -17,6 +17,7 @@ use crate::{Error, Result};
 pub struct CpuExecutor<R> {
     plan: Plan,
     calibration: Calibration,
+    simd: Simd,
     /// Packed weights of each step that has some.
     packed: Vec<Option<Packed<R>>>,
     /// Padding channels are never written and stay zero, or what another tensor left there.
@@ -25,10 +26,17 @@ pub struct CpuExecutor<R> {
 }
 
 impl<R: Real> CpuExecutor<R> {
-    /// Prepares to run `plan` on what the calibrated camera measured.
+    /// Prepares to run `plan` on what the calibrated camera measured, with the widest vectors.
     pub fn new(plan: Plan, calibration: Calibration) -> Self {
+        Self::with_simd(plan, calibration, Simd::widest())
+    }
+
+    /// As [`new`](Self::new), with convolutions in these vector instructions. Results differ only between
+    /// instructions with and without fused multiply-add.
+    pub fn with_simd(plan: Plan, calibration: Calibration, simd: Simd) -> Self {
         Self {
-            packed: plan.steps.iter().map(|step| pack(&step.kernel)).collect(),
+            simd,
+            packed: plan.steps.iter().map(|step| pack(&step.kernel, simd)).collect(),
             slots: plan.slots.iter().map(|&len| vec![R::ZERO; len]).collect(),
             scratch: ScratchPool::default(),
             plan,
@@ -115,7 +123,7 @@ impl<R: Real> Executor for CpuExecutor<R> {
     }
 
     fn describe(&self) -> String {
-        format!("cpu, {} threads, {}", rayon::current_num_threads(), R::NAME)
+        format!("cpu, {} threads, {}, {}", rayon::current_num_threads(), R::NAME, self.simd.name())
     }
 }
 

@@ -40,9 +40,8 @@ impl Features<'_> {
                     None => camera.log_irradiance(t, y, measured, line),
                 },
                 Feature::LogEstimate => {
-                    for (value, &p) in line.iter_mut().zip(estimate.line(t, y)) {
-                        *value = tone.of(p);
-                    }
+                    line.copy_from_slice(estimate.line(t, y));
+                    tone.of_all(line);
                 }
                 Feature::Saturated => {
                     for (value, &measured) in line.iter_mut().zip(measured) {

@@ -1,20 +1,18 @@
 //! Products of gathered pixels with packed weights: the inner loop of every convolution.
 //!
-//! The code is plain arrays, sized so that the compiler keeps one tile of sums in vector registers. Each sum
-//! runs over its products in one fixed order, so it depends neither on the tiling nor on the number of
-//! threads.
+//! A tile of sums stays in vector registers while products are added to it. Each sum runs over its products
+//! in one fixed order, so it depends neither on the tiling nor on the number of threads.
 //!
-//! A library for matrix products packs both operands in each call, which does not pay for the 32 to 128
-//! channels that nets have here: on one core with 91 GFLOP/s at most, `matrixmultiply` reached 50 to 69
-//! GFLOP/s on ready-made matrices of these sizes; this reaches 75 to 85 GFLOP/s in whole layers (`cargo bench
-//! --bench cpu`).
-//!
-//! This is the one module with `unsafe` code, one call: [`Gemm::multiply`] is compiled a second time for CPUs
-//! with AVX2 and FMA, and calling that version is undefined on a CPU without them. The line above the call
-//! checks that the CPU has them. The versions themselves are safe code.
-#![allow(unsafe_code)]
-// Code gets the CPU features of the function that it is inlined into.
+//! A library for matrix products packs both operands in each call, which does not pay for the 24 to 128
+//! channels that nets have here (docs/experiments.md).
+// Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use super::Real;
+use super::simd::{Simd, Target, Task, Vector};
 
 /// A run of neighbouring values that is multiplied with as many rows of a panel.
 #[derive(Clone, Copy, Debug)]
@@ -39,99 +37,136 @@ pub struct Product<'a, R> {
 }
 
 /// Shape of the tiles in registers: how many pixels by how many channels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tile {
     /// Pixels.
     pub pixels: usize,
-    /// Channels: the width of a panel.
-    pub width: usize,
+    /// Channels, as vectors: the width of a panel.
+    pub vectors: usize,
+    /// Channels of a vector.
+    pub lanes: usize,
+    /// Time for each pixel and product, in units of one that takes a vector: narrow tiles load more.
+    pub cost: f64,
 }
 
-/// A number that can be multiplied in tiles.
-pub trait Gemm: Sized {
-    /// The tile that suits a layer of `channels` output channels.
-    fn tile(channels: usize) -> Tile;
-
-    /// Adds a product to `sums` [pixels][width].
-    fn multiply(product: &Product<'_, Self>, tile: Tile, sums: &mut [Self]);
+/// Something to do that is compiled for every shape of tile.
+pub trait TileTask {
+    /// Does it for tiles of `PIXELS` pixels by `VECTORS` vectors of channels.
+    fn run<T: Target, const PIXELS: usize, const VECTORS: usize>(self, target: T);
 }
 
-/// Implements [`Gemm`]. `$wide` numbers are two 256-bit vectors: a tile of 12 of them leaves registers for
-/// the operands. `$narrow` numbers are one vector; more than 8 pixels would need more addresses than there
-/// are registers.
-macro_rules! implement_gemm {
-    ($real:ident, $wide:literal, $narrow:literal) => {
-        impl Gemm for $real {
-            fn tile(channels: usize) -> Tile {
-                if channels > $narrow {
-                    Tile { pixels: 6, width: $wide }
-                } else {
-                    Tile { pixels: 8, width: $narrow }
-                }
-            }
+impl Tile {
+    /// The tiles that there are.
+    ///
+    /// With 512 bits a tile has up to 24 sums of 32 vectors, else up to 12 of 16; the others are for
+    /// operands. More pixels in the narrow tiles would need more addresses than there are registers.
+    pub fn all<R: Real>(simd: Simd) -> impl Iterator<Item = Self> {
+        let (tiles, bytes): (&[_], _) = if simd.wide() {
+            (&[(14, 1, 1.3), (12, 2, 2.0), (8, 3, 3.1)], 64)
+        } else {
+            (&[(8, 1, 1.3), (6, 2, 2.0)], 32)
+        };
+        let lanes = bytes / size_of::<R>();
+        tiles.iter().map(move |&(pixels, vectors, cost)| Self { pixels, vectors, lanes, cost })
+    }
 
-            fn multiply(product: &Product<'_, Self>, tile: Tile, sums: &mut [Self]) {
-                #[inline(always)]
-                fn generic<const FUSED: bool>(product: &Product<'_, $real>, tile: Tile, sums: &mut [$real]) {
-                    let add = |sum: $real, a: $real, b: $real| {
-                        if FUSED { a.mul_add(b, sum) } else { sum + a * b }
-                    };
-                    if tile.width == $wide {
-                        multiply_tiles::<$real, 6, $wide>(product, sums, add);
-                    } else {
-                        multiply_tiles::<$real, 8, $narrow>(product, sums, add);
-                    }
-                }
+    /// Channels of a panel.
+    pub fn width(self) -> usize {
+        self.vectors * self.lanes
+    }
 
-                #[cfg(target_arch = "x86_64")]
-                {
-                    #[target_feature(enable = "avx2,fma")]
-                    fn fused(product: &Product<'_, $real>, tile: Tile, sums: &mut [$real]) {
-                        generic::<true>(product, tile, sums);
-                    }
-                    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                        // SAFETY: the CPU has both features that the function is compiled for.
-                        return unsafe { fused(product, tile, sums) };
-                    }
+    /// Does `task` with this tile.
+    pub fn run(self, simd: Simd, task: impl TileTask) {
+        struct Tiled<T>(Tile, T);
+        impl<K: TileTask> Task for Tiled<K> {
+            #[inline(always)]
+            fn run<T: Target>(self, target: T) {
+                let Self(tile, task) = self;
+                match (T::WIDE, tile.vectors) {
+                    (true, 1) => task.run::<T, 14, 1>(target),
+                    (true, 2) => task.run::<T, 12, 2>(target),
+                    (true, _) => task.run::<T, 8, 3>(target),
+                    (false, 1) => task.run::<T, 8, 1>(target),
+                    (false, _) => task.run::<T, 6, 2>(target),
                 }
-                // Where a fused operation is not part of the target, it would be a slow library call.
-                generic::<{ cfg!(target_arch = "aarch64") }>(product, tile, sums);
             }
         }
-    };
+        simd.run(Tiled(self, task));
+    }
 }
 
-implement_gemm!(f32, 16, 8);
-implement_gemm!(f64, 8, 4);
-
-/// All tiles of a product.
+/// Adds a product to `sums` [pixels][width], or writes it there if it is the `first` one.
 #[inline(always)]
-fn multiply_tiles<R: Copy, const PIXELS: usize, const WIDTH: usize>(
+pub fn multiply<R: Real, T: Target, const PIXELS: usize, const VECTORS: usize>(
+    target: T,
     product: &Product<'_, R>,
+    first: bool,
     sums: &mut [R],
-    add: impl Fn(R, R, R) -> R,
 ) {
-    let panel = product.panel.as_chunks::<WIDTH>().0;
+    let lanes = R::Vector::<T>::LANES;
+    let width = VECTORS * lanes;
     let pixels = product.pixels.as_chunks::<PIXELS>().0;
-    let sums = sums.as_chunks_mut::<WIDTH>().0.as_chunks_mut::<PIXELS>().0;
-    for (pixels, sums) in pixels.iter().zip(sums) {
-        let mut tile = *sums;
-        let mut rest = panel;
+    for (pixels, sums) in pixels.iter().zip(sums.chunks_exact_mut(PIXELS * width)) {
+        let mut tile = [[R::Vector::<T>::splat(target, R::ZERO); VECTORS]; PIXELS];
+        if !first {
+            for (tile, sums) in tile.iter_mut().zip(sums.chunks_exact(width)) {
+                for (sum, sums) in tile.iter_mut().zip(sums.chunks_exact(lanes)) {
+                    *sum = R::Vector::<T>::load(target, sums);
+                }
+            }
+        }
+        let mut rest = product.panel;
         for segment in product.segments {
-            let (weights, behind) = rest.split_at(segment.len);
+            let (panel, behind) = rest.split_at(segment.len * width);
             rest = behind;
             // `from_fn`, unlike `map`, leaves the compiler one check of `k` for all of these.
             let values: [&[R]; PIXELS] =
-                std::array::from_fn(|i| &product.values[pixels[i] + segment.offset..][..weights.len()]);
-            for (k, weights) in weights.iter().enumerate() {
+                std::array::from_fn(|i| &product.values[pixels[i] + segment.offset..][..segment.len]);
+            for (k, weights) in panel.chunks_exact(width).enumerate() {
+                let weights: [R::Vector<T>; VECTORS] =
+                    std::array::from_fn(|i| R::Vector::<T>::load(target, &weights[i * lanes..]));
                 for (tile, values) in tile.iter_mut().zip(values) {
-                    let value = values[k];
-                    for (sum, &weight) in tile.iter_mut().zip(weights) {
-                        *sum = add(*sum, value, weight);
+                    let value = R::Vector::<T>::splat(target, values[k]);
+                    for (sum, &weight) in tile.iter_mut().zip(&weights) {
+                        *sum = sum.add_product(value, weight);
                     }
                 }
             }
         }
-        *sums = tile;
+        for (tile, sums) in tile.iter().zip(sums.chunks_exact_mut(width)) {
+            for (sum, sums) in tile.iter().zip(sums.chunks_exact_mut(lanes)) {
+                sum.store(sums);
+            }
+        }
     }
+}
+
+/// Products and sums (two operations each) that one thread does in a second at most, with these instructions.
+pub fn peak(simd: Simd) -> f64 {
+    /// Steps of the loop that is measured, and products in each: enough to hide how long one takes.
+    const STEPS: usize = 100_000;
+    const SUMS: usize = 12;
+    struct Probe;
+    impl Task for Probe {
+        #[inline(always)]
+        fn run<T: Target>(self, target: T) {
+            let [a, b] = black_box([0.5, 1.0]).map(|value| T::F32::splat(target, value));
+            let mut sums = [a; SUMS];
+            for _ in 0..STEPS {
+                sums = sums.map(|sum| sum.add_product(a, b));
+            }
+            let mut result = [0.0; 16];
+            for sum in sums {
+                sum.store(&mut result);
+                black_box(&mut result);
+            }
+        }
+    }
+    let lanes = if simd.wide() { 16 } else { 8 };
+    let seconds = (0..50).map(|_| {
+        let begin = Instant::now();
+        simd.run(Probe);
+        begin.elapsed().as_secs_f64()
+    });
+    (2 * lanes * SUMS * STEPS) as f64 / seconds.fold(f64::INFINITY, f64::min)
 }

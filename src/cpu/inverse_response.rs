@@ -14,7 +14,8 @@ pub fn run<R: Real>(
         let (values, irradiance) = result.split_at_mut(exposures.len());
         values.copy_from_slice(input.pixel(t, y, x));
         for ((irradiance, &value), &exposure) in irradiance.iter_mut().zip(&*values).zip(exposures) {
-            *irradiance = camera::inverse_response(calibration, value) / R::from_f32(exposure);
+            *irradiance =
+                camera::inverse_response(&calibration.inverse_response, value) / R::from_f32(exposure);
         }
     });
 }

@@ -19,10 +19,13 @@ mod gemm;
 mod inverse_response;
 mod log_irradiance;
 mod real;
+mod simd;
 mod view;
 
 pub use executor::CpuExecutor;
+pub use gemm::peak;
 pub use real::Real;
+pub use simd::Simd;
 
 use crate::network::{Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
@@ -43,17 +46,17 @@ pub fn evaluate<R: Real>(
     schedule: i64,
 ) -> Tensor<R> {
     let mut output = Tensor::filled(output_shape, R::ZERO);
-    let call =
-        Call { kernel, packed: &pack(kernel), calibration, schedule, scratch: &ScratchPool::default() };
+    let packed = pack(kernel, Simd::widest());
+    let call = Call { kernel, packed: &packed, calibration, schedule, scratch: &ScratchPool::default() };
     call.run(|i| inputs.get(i).map(TensorView::dense), TensorViewMut::dense(&mut output));
     output
 }
 
 /// The packed weights of a kernel that has some.
-fn pack<R: Real>(kernel: &Kernel) -> Option<Packed<R>> {
+fn pack<R: Real>(kernel: &Kernel, simd: Simd) -> Option<Packed<R>> {
     match kernel {
-        Kernel::Conv3d(step) => Some(conv3d::pack(step)),
-        Kernel::ConvTranspose3d(step) => Some(conv_transpose3d::pack(step)),
+        Kernel::Conv3d(step) => Some(conv3d::pack(step, simd)),
+        Kernel::ConvTranspose3d(step) => Some(conv_transpose3d::pack(step, simd)),
         _ => None,
     }
 }

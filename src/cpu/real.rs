@@ -1,16 +1,17 @@
 //! The numbers that kernels are generic over.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use super::elementary;
-use super::gemm::Gemm;
+use super::simd::{Target, Vector};
 
 /// A floating-point type that every kernel runs on: `f32`, the fallback, or `f64`, the oracle.
 pub trait Real:
-    Gemm
-    + Copy
+    Copy
     + Debug
     + Default
     + PartialOrd
@@ -29,6 +30,8 @@ pub trait Real:
     const ZERO: Self;
     /// 1.
     const ONE: Self;
+    /// Neighbouring numbers in a register.
+    type Vector<T: Target>: Vector<Self, T>;
     /// "f32" or "f64".
     const NAME: &'static str;
 
@@ -60,48 +63,60 @@ pub trait Real:
 
     /// The larger of two numbers; `other` if this one is NaN.
     #[must_use]
+    #[inline(always)]
     fn at_least(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
 
     /// The smaller of two numbers; `other` if this one is NaN.
     #[must_use]
+    #[inline(always)]
     fn at_most(self, other: Self) -> Self {
         if self < other { self } else { other }
     }
 }
 
 macro_rules! implement_real {
-    ($real:ident, $exp_m1:path, $ln_1p:path) => {
+    ($real:ident, $vector:ident, $exp_m1:path, $ln_1p:path) => {
         impl Real for $real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
+            type Vector<T: Target> = T::$vector;
             const NAME: &'static str = stringify!($real);
 
+            #[inline(always)]
             fn from_f64(value: f64) -> Self {
                 value as Self
             }
+            #[inline(always)]
             fn from_f32(value: f32) -> Self {
                 value as Self
             }
+            #[inline(always)]
             fn to_f32(self) -> f32 {
                 self as f32
             }
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 self as f64
             }
+            #[inline(always)]
             fn to_index(self) -> usize {
                 self as u32 as usize
             }
+            #[inline(always)]
             fn abs(self) -> Self {
                 self.abs()
             }
+            #[inline(always)]
             fn exp(self) -> Self {
                 self.exp()
             }
+            #[inline(always)]
             fn exp_m1(self) -> Self {
                 $exp_m1(self)
             }
+            #[inline(always)]
             fn ln_1p(self) -> Self {
                 $ln_1p(self)
             }
@@ -112,5 +127,5 @@ macro_rules! implement_real {
     };
 }
 
-implement_real!(f32, elementary::exp_m1, elementary::ln_1p);
-implement_real!(f64, f64::exp_m1, f64::ln_1p);
+implement_real!(f32, F32, elementary::exp_m1, elementary::ln_1p);
+implement_real!(f64, F64, f64::exp_m1, f64::ln_1p);

@@ -56,11 +56,13 @@ impl<'a, R: Copy> TensorView<'a, R> {
     }
 
     /// Values from pixel (t, y, x) on.
+    #[inline]
     pub fn from(&self, t: usize, y: usize, x: usize) -> &'a [R] {
         &self.values[((t * self.shape.y + y) * self.shape.x + x) * self.stride..]
     }
 
     /// Channels of pixel (t, y, x).
+    #[inline]
     pub fn pixel(&self, t: usize, y: usize, x: usize) -> &'a [R] {
         &self.from(t, y, x)[..self.shape.c]
     }
@@ -127,7 +129,13 @@ impl<R> Rows<'_, R> {
         self.values.len().div_ceil(self.shape.x * self.stride)
     }
 
+    /// Number of columns.
+    pub fn width(&self) -> usize {
+        self.shape.x
+    }
+
     /// Channels of pixel `x` of row `row`, counted from the first row of these.
+    #[inline]
     pub fn pixel(&mut self, row: usize, x: usize) -> &mut [R] {
         &mut self.values[(row * self.shape.x + x) * self.stride..][..self.shape.c]
     }

@@ -20,6 +20,6 @@ pub trait Executor: Send {
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()>;
 
-    /// One line for reports, such as "cpu, 2 threads, f32" or "Vulkan: llvmpipe, f32".
+    /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".
     fn describe(&self) -> String;
 }
