@@ -1,6 +1,6 @@
 // blend: predicted kernels. With b = l(estimate), weights w and residual d of a pixel:
 // l⁻¹(clamp(b + Σ w·(log irradiance of the tap − b) + d, 0, 1)). Taps outside do not count.
-// Channel ((dy·bx + dx)·(n + 1)) + i of a block is weight i of pixel (dy, dx), and behind the n weights is d.
+// Channel (i·by + dy)·bx + dx of a block is weight i of pixel (dy, dx); d stands behind the n weights.
 //
 // One invocation computes one pixel.
 
@@ -26,7 +26,7 @@ fn blend(
     let t = pixel / (OUTPUT_X * OUTPUT_Y);
     let block = (t * WEIGHTS_Y + y / BLOCK_Y) * WEIGHTS_X + x / BLOCK_X;
     let vectors = WEIGHTS_OFFSET + block * WEIGHTS_STRIDE;
-    let channel = (y % BLOCK_Y * BLOCK_X + x % BLOCK_X) * (TAPS + 1);
+    let first = y % BLOCK_Y * BLOCK_X + x % BLOCK_X;
     let base = tone(estimate[ESTIMATE_OFFSET + pixel]);
     var v = base;
     for (var i = 0; i < TAPS; i++) {
@@ -34,10 +34,12 @@ fn blend(
         let tap_y = y + TAPS_Y[i];
         let tap_x = x + TAPS_X[i];
         if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < OUTPUT_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
-            let weight = weights[vectors + (channel + i) / 4][(channel + i) % 4];
+            let channel = i * BLOCK_Y * BLOCK_X + first;
+            let weight = weights[vectors + channel / 4][channel % 4];
             v += weight * (logs[LOGS_OFFSET + (tap_t * OUTPUT_Y + tap_y) * OUTPUT_X + tap_x] - base);
         }
     }
-    v += weights[vectors + (channel + TAPS) / 4][(channel + TAPS) % 4];
+    let residual = TAPS * BLOCK_Y * BLOCK_X + first;
+    v += weights[vectors + residual / 4][residual % 4];
     output[OUTPUT_OFFSET + pixel] = inverse_tone(clamp(v, 0.0, 1.0));
 }

@@ -165,8 +165,8 @@ fn blend_weighs_the_taps_that_lie_inside() {
     let kernel = Kernel::Blend { block: [1, by, bx], taps: taps.to_vec(), lead };
     let radiance = run(&kernel, &[weights.clone(), logs.clone(), estimate.clone()], shape);
     assert_close(&radiance, |t, row, column, _| {
-        let first = (row % by * bx + column % bx) * n;
-        let weight = |i: usize| at(&weights, t, row / by, column / bx, first + i);
+        let pixel = row % by * bx + column % bx;
+        let weight = |i: usize| at(&weights, t, row / by, column / bx, i * by * bx + pixel);
         let base = tone(at(&estimate, t, row, column, 0));
         let mut v = base + weight(n - 1);
         for (i, [dt, dy, dx]) in taps.into_iter().enumerate() {

@@ -1,7 +1,10 @@
 //! `blend`: predicted kernels. Each pixel has weights for the log irradiances around it, and a residual.
+// Code gets the instructions of the function that it is inlined into.
+#![allow(clippy::inline_always)]
 
 use super::camera::Tone;
 use super::features::frame;
+use super::simd::{Simd, Target, Task};
 use super::{Real, ScratchPool, TensorView, TensorViewMut};
 use crate::network::{Block, Tap};
 
@@ -19,7 +22,7 @@ pub struct Blend<'a> {
 /// What is read.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a, R> {
-    /// For each pixel of a block a weight for each tap, then a residual.
+    /// For each tap, and then for a residual, the values of all pixels of a block.
     pub weights: TensorView<'a, R>,
     /// Log irradiance.
     pub logs: TensorView<'a, R>,
@@ -27,84 +30,107 @@ pub struct Inputs<'a, R> {
     pub estimate: TensorView<'a, R>,
 }
 
-/// A result pixel and what it is made of.
-#[derive(Clone, Copy, Debug)]
-pub struct Pixel<'a, R> {
-    /// Estimate of the irradiance.
-    pub estimate: R,
-    /// l of it.
-    pub base: R,
-    /// Log irradiance of each tap; the base in place of those outside of the frame or of the recording.
-    pub logs: &'a [R],
-    /// Weight of each tap, and the residual behind them.
-    pub weights: &'a [R],
+/// What is done along a row of results, with b = l(estimate).
+pub(super) trait Along<R>: Sync {
+    /// Makes results of b.
+    fn begin(&self, base: &[R], results: &mut [R]);
+    /// Adds a tap: its weights, and its log irradiances.
+    fn tap(&self, base: &[R], weights: &[R], logs: &[R], results: &mut [R]);
+    /// Adds the residuals.
+    fn end(&self, residuals: &[R], results: &mut [R]);
 }
 
-impl<R: Real> Pixel<'_, R> {
-    /// base + Σ weight·(log irradiance − base) + residual.
-    pub fn sum(&self) -> R {
-        let Self { base, logs, weights, .. } = *self;
-        let blended = logs.iter().zip(weights).fold(base, |sum, (&log, &weight)| sum + weight * (log - base));
-        blended + weights[logs.len()]
+/// l⁻¹(clamp(b + Σ w·(log irradiance of the tap − b) + d, 0, 1)) with weights w and residual d.
+struct Radiance<R>(Tone<R>);
+
+impl<R: Real> Along<R> for Radiance<R> {
+    fn begin(&self, base: &[R], results: &mut [R]) {
+        results.copy_from_slice(base);
+    }
+
+    fn tap(&self, base: &[R], weights: &[R], logs: &[R], results: &mut [R]) {
+        Simd::widest().run(AddTap { base, weights, logs, results });
+    }
+
+    fn end(&self, residuals: &[R], results: &mut [R]) {
+        for (result, &residual) in results.iter_mut().zip(residuals) {
+            *result = *result + residual;
+        }
+        self.0.inverse_of_all(results);
+    }
+}
+
+struct AddTap<'a, R> {
+    base: &'a [R],
+    weights: &'a [R],
+    logs: &'a [R],
+    results: &'a mut [R],
+}
+
+impl<R: Real> Task for AddTap<'_, R> {
+    #[inline(always)]
+    fn run<T: Target>(self, _: T) {
+        let taps = self.weights.iter().zip(self.logs).zip(self.base);
+        for (result, ((&weight, &log), &base)) in self.results.iter_mut().zip(taps) {
+            *result = *result + weight * (log - base);
+        }
     }
 }
 
 impl Blend<'_> {
-    /// l⁻¹ of each pixel's sum, clamped to [0, 1].
+    /// Computes the radiance.
     pub fn run<R: Real>(
         &self,
         inputs: Inputs<'_, R>,
         output: TensorViewMut<'_, R>,
         scratch: &ScratchPool<R>,
     ) {
-        let tone = Tone::new();
-        self.for_each_pixel(inputs, output, scratch, |pixel| pixel.sum(), |line| tone.inverse_of_all(line));
+        self.along_rows(inputs, output, scratch, &Radiance(Tone::new()));
     }
 
-    /// Writes what `result` makes of each pixel, and `finish` of a line of these.
-    pub(super) fn for_each_pixel<R: Real>(
+    /// Does `along` for each row. Taps outside of the frame or of the recording are left out.
+    pub(super) fn along_rows<R: Real>(
         &self,
         Inputs { weights, logs, estimate }: Inputs<'_, R>,
         output: TensorViewMut<'_, R>,
         scratch: &ScratchPool<R>,
-        result: impl Fn(Pixel<'_, R>) -> R + Sync,
-        finish: impl Fn(&mut [R]) + Sync,
+        along: &impl Along<R>,
     ) {
         let tone = Tone::new();
         let [_, by, bx] = self.block;
-        let n = self.taps.len();
         let [_, height, width] = output.shape.extent();
         output.for_each_rows(by, |mut rows| {
             scratch.with(|scratch| {
                 for row in 0..rows.len() {
                     let (t, y) = (rows.t, rows.y + row);
-                    let estimates = estimate.line(t, y);
                     let base = &mut scratch.sums;
                     base.clear();
-                    base.extend(estimates);
+                    base.extend(estimate.line(t, y));
                     tone.of_all(base);
-                    // [x][tap]
-                    let near = &mut scratch.gathered;
-                    near.clear();
-                    near.extend(base.iter().flat_map(|&base| std::iter::repeat_n(base, n)));
+                    let results = rows.line(row);
+                    along.begin(base, results);
+                    // The values of tap i (or the residual) along the row.
+                    let gather = |i: usize, gathered: &mut Vec<R>| {
+                        let first = (i * by + y % by) * bx;
+                        gathered.clear();
+                        for block in weights.row(t, y / by) {
+                            gathered.extend_from_slice(&block[first..first + bx]);
+                        }
+                    };
                     for (i, &[dt, dy, dx]) in self.taps.iter().enumerate() {
                         let place = frame(logs.shape.t, self.lead + t, dt).zip(frame(height, y, dy));
                         let Some((tap_t, tap_y)) = place else { continue };
-                        let inside = dx.min(0).unsigned_abs() as usize..width;
-                        let line = logs.line(tap_t, tap_y).iter().skip(dx.max(0) as usize);
-                        for (x, &log) in inside.zip(line) {
-                            near[x * n + i] = log;
-                        }
+                        // Columns whose tap lies inside.
+                        let begin = (dx.min(0).unsigned_abs() as usize).min(width);
+                        let end = width.saturating_sub(dx.max(0) as usize).max(begin);
+                        let first = dx.max(0) as usize;
+                        let logs = &logs.line(tap_t, tap_y)[first.min(width)..];
+                        gather(i, &mut scratch.gathered);
+                        let weights = &scratch.gathered[begin..end];
+                        along.tap(&base[begin..end], weights, logs, &mut results[begin..end]);
                     }
-                    let first = y % by * bx * (n + 1);
-                    let blocks = weights.row(t, y / by);
-                    let pixels = blocks.flat_map(|block| block[first..].chunks_exact(n + 1).take(bx));
-                    let line = rows.line(row);
-                    for (x, (value, weights)) in line.iter_mut().zip(pixels).enumerate() {
-                        let logs = &near[x * n..][..n];
-                        *value = result(Pixel { estimate: estimates[x], base: base[x], logs, weights });
-                    }
-                    finish(line);
+                    gather(self.taps.len(), &mut scratch.gathered);
+                    along.end(&scratch.gathered, results);
                 }
             });
         });

@@ -7,8 +7,8 @@
 use std::f64::consts::LN_2;
 use std::sync::Arc;
 
-use super::blend::{Blend, Inputs};
-use super::camera::{Camera, Tone, inverse_response};
+use super::blend::{Along, Blend, Inputs};
+use super::camera::{Camera, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Simd, box_estimate, conv_transpose3d, conv3d, features};
 use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
@@ -114,29 +114,57 @@ pub fn bound(
         Kernel::Blend { block, taps, lead } => {
             let blend = Blend { block: *block, taps, lead: *lead };
             let inputs = Inputs { weights: view(0), logs: view(1), estimate: view(2) };
-            blend.for_each_pixel(
-                inputs,
-                TensorViewMut::dense(&mut error),
-                scratch,
-                |pixel| {
-                    let (base, residual) = (pixel.base, pixel.weights[taps.len()]);
-                    let (mut terms, mut total) = (0.0, 1.0);
-                    for (log, weight) in pixel.logs.iter().zip(pixel.weights) {
-                        terms += (weight * (log - base)).abs();
-                        total += weight.abs();
-                    }
-                    let sums = (taps.len() + 3) as f64 * U * (base.abs() + terms + residual.abs());
-                    let value = (pixel.sum()).clamp(0.0, 1.0);
-                    let error = sums + total * tone_error(pixel.estimate, 0.0);
-                    inverse_tone_error(Tone::new().inverse(value), error)
-                },
-                |_| (),
-            );
+            let mut magnitudes = error.clone();
+            blend.along_rows(inputs, TensorViewMut::dense(&mut magnitudes), scratch, &Magnitudes);
+            let mut weights = error.clone();
+            blend.along_rows(inputs, TensorViewMut::dense(&mut weights), scratch, &Weights);
+            let sums = magnitudes.data.iter().zip(&weights.data);
+            let values = inputs.estimate.pixels().flatten().zip(&output.data);
+            for ((error, (magnitude, weights)), (&estimate, &result)) in
+                error.data.iter_mut().zip(sums).zip(values)
+            {
+                let rounding = (taps.len() + 3) as f64 * U * magnitude;
+                *error = inverse_tone_error(result, rounding + weights * tone_error(estimate, 0.0));
+            }
         }
     }
     let least = smallest_normal(storage);
     add(&mut error, output, |value| storage * value.abs().max(least));
     error.map(|error| SLACK * error)
+}
+
+/// |b| + Σ |w·(log irradiance − b)| + |d|: what roundings are in proportion to.
+struct Magnitudes;
+
+impl Along<f64> for Magnitudes {
+    fn begin(&self, base: &[f64], results: &mut [f64]) {
+        results.iter_mut().zip(base).for_each(|(result, base)| *result = base.abs());
+    }
+
+    fn tap(&self, base: &[f64], weights: &[f64], logs: &[f64], results: &mut [f64]) {
+        for (((result, base), weight), log) in results.iter_mut().zip(base).zip(weights).zip(logs) {
+            *result += (weight * (log - base)).abs();
+        }
+    }
+
+    fn end(&self, residuals: &[f64], results: &mut [f64]) {
+        results.iter_mut().zip(residuals).for_each(|(result, residual)| *result += residual.abs());
+    }
+}
+
+/// 1 + Σ |w|: how far an error of b goes.
+struct Weights;
+
+impl Along<f64> for Weights {
+    fn begin(&self, _: &[f64], results: &mut [f64]) {
+        results.fill(1.0);
+    }
+
+    fn tap(&self, _: &[f64], weights: &[f64], _: &[f64], results: &mut [f64]) {
+        results.iter_mut().zip(weights).for_each(|(result, weight)| *result += weight.abs());
+    }
+
+    fn end(&self, _: &[f64], _: &mut [f64]) {}
 }
 
 /// The largest error as a fraction of its bound; infinite where a result is not a number.

@@ -57,11 +57,11 @@ def fold(channels: list[Tensor], block) -> Tensor:
 
 
 def unfold(x: Tensor, block) -> Tensor:
-    """The inverse of `fold`: [N, bt·by·bx·n, T, H, W] → [N, n, T·bt, H·by, W·bx]."""
-    bt, by, bx = block
+    """Channels unfolded into pixels: [N, n·by·bx, T, H, W] → [N, n, T, H·by, W·bx], in channel (i·by + dy)·bx + dx."""
+    _, by, bx = block
     batch, _, t, h, w = x.shape
-    x = x.reshape(batch, bt, by, bx, -1, t, h, w).permute(0, 4, 5, 1, 6, 2, 7, 3)
-    return x.reshape(batch, -1, t * bt, h * by, w * bx)
+    x = x.reshape(batch, -1, by, bx, t, h, w).permute(0, 1, 4, 5, 2, 6, 3)
+    return x.reshape(batch, -1, t, h * by, w * bx)
 
 
 def shifted(video: Tensor, first: int, frames: int, tap) -> tuple[Tensor, Tensor]:
@@ -258,16 +258,16 @@ class GraphNet(nn.Module):
 
     def _blended(self, node: dict, x: Tensor, base: Tensor, values: dict, first: int) -> Tensor:
         """base + Σ w·(log irradiance of the tap − base) + d, with the weights and the residual of each pixel in x."""
-        logs = values[node["inputs"][1]]
-        x = unfold(x, node["block"]).to(base.dtype)
-        v = base + x[:, -1:]
-        if node["taps"]:
-            differences = x.new_empty(len(x), len(node["taps"]), *x.shape[2:])
-            for i, tap in enumerate(node["taps"]):
-                value, inside = shifted(logs.tensor[:, 0], first - logs.first, x.shape[2], tap)
-                differences[:, i] = value - inside * base[:, 0]
-            v = v + (x[:, :-1] * differences).sum(1, keepdim=True)
-        return v
+        logs, (_, by, bx), n = values[node["inputs"][1]], node["block"], len(node["taps"])
+        # Blocks stay folded until all taps are summed: [N, T, H/by, W/bx, n + 1, by·bx], as it lies in memory.
+        x = x.permute(0, 2, 3, 4, 1).unflatten(-1, (n + 1, by * bx))
+        differences = x.new_empty(*x.shape[:4], n, by * bx)
+        for i, tap in enumerate(node["taps"]):
+            value, inside = shifted(logs.tensor[:, 0], first - logs.first, x.shape[1], tap)
+            differences[..., i, :] = fold([value - inside * base[:, 0]], node["block"]).permute(0, 2, 3, 4, 1)
+        wide = torch.promote_types(x.dtype, torch.float32)
+        d = (x[..., :n, :] * differences).sum(-2, dtype=wide) + x[..., n, :]
+        return base + unfold(d.permute(0, 4, 1, 2, 3), node["block"])
 
     def _features(self, node: dict, values: dict, exposure: Tensor, first: int, end: int) -> Tensor:
         """The channels of a `features` node, folded, for its frames `first` … `end`."""

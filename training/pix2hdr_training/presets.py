@@ -31,7 +31,7 @@ def kernel_net(
     name,
     pattern="mpve-1-4",
     period=8,
-    hop=40,
+    hop=48,
     fold=(2, 4),
     temporal=(3, 1, 1),
     channels=("log_irradiance", "log_estimate", "saturated"),
