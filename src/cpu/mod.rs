@@ -16,6 +16,7 @@ mod features;
 mod fuse;
 mod gemm;
 mod inverse_response;
+pub mod probe;
 mod real;
 mod unfold;
 mod view;

@@ -1,0 +1,93 @@
+//! What the processor can do at most: operations and copied bytes per second, measured on all threads of the `rayon`
+//! pool that this is called from.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+/// Time of a trial that counts: above what starting threads costs, and short enough that one of the trials goes
+/// undisturbed where other programs run.
+const LONG_ENOUGH: Duration = Duration::from_millis(4);
+/// Trials of which the fastest is kept.
+const TRIALS: usize = 50;
+/// Trials before one is believed to be long enough.
+const CAREFUL: usize = 5;
+
+/// Vectors of sums that are independent: enough to keep two units of a latency of four or five cycles busy, few enough
+/// for 16 registers.
+const ACCUMULATORS: usize = 12;
+
+/// Bytes that are copied at once: more than caches hold.
+const COPIED_BYTES: usize = 64 << 20;
+
+/// Operations per second at f32, two for each multiply-add, as a loop of nothing else reaches them with the widest
+/// vectors that there are.
+pub fn measure_flop_rate() -> f64 {
+    let arch = Arch::new();
+    let flop_per_turn = arch.dispatch(Chains { turns: 0 }).1 as f64;
+    // Every thread for itself, all at the same time: no trial waits for a thread that another program holds up.
+    let rates = rayon::broadcast(|_| {
+        fastest(|turns| {
+            black_box(arch.dispatch(Chains { turns }));
+        })
+    });
+    flop_per_turn * rates.iter().sum::<f64>()
+}
+
+/// Bytes per second that are copied from one place in memory to another, those read and those written together.
+pub fn measure_copy_rate() -> f64 {
+    // Written once, so that the pages are there.
+    let input = vec![1_u64; COPIED_BYTES / size_of::<u64>()];
+    let mut output = vec![2_u64; input.len()];
+    let part = input.len().div_ceil(rayon::current_num_threads());
+    let rate = fastest(|times| {
+        for _ in 0..times {
+            let parts = output.par_chunks_mut(part).zip(input.par_chunks(part));
+            parts.for_each(|(output, input)| output.copy_from_slice(input));
+            black_box(&output);
+        }
+    });
+    2.0 * COPIED_BYTES as f64 * rate
+}
+
+/// How often per second a piece of work is done at best. `work` does it so many times.
+fn fastest(mut work: impl FnMut(usize)) -> f64 {
+    let mut time = |times| {
+        let begun = Instant::now();
+        work(times);
+        begun.elapsed()
+    };
+    let mut best_of = |trials: usize, times| (0..trials).map(|_| time(times)).min().unwrap_or_default();
+    let mut times = 1;
+    while best_of(CAREFUL, times) < LONG_ENOUGH && times < 1 << 40 {
+        times *= 2;
+    }
+    times as f64 / best_of(TRIALS, times).as_secs_f64()
+}
+
+/// Chains of multiply-adds in registers: `turns` on each of the accumulators.
+struct Chains {
+    turns: usize,
+}
+
+impl WithSimd for Chains {
+    /// Something that depends on all sums, and the operations of one turn.
+    type Output = (f32, usize);
+
+    // Code gets the features of the processor from the function that it is inlined into.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let (x, y) = (simd.splat_f32s(black_box(0.999)), simd.splat_f32s(black_box(0.001)));
+        let mut sums: [S::f32s; ACCUMULATORS] = std::array::from_fn(|i| simd.splat_f32s(i as f32));
+        for _ in 0..self.turns {
+            for sum in &mut sums {
+                *sum = simd.mul_add_e_f32s(*sum, x, y);
+            }
+        }
+        let sum = sums.into_iter().fold(y, |a, b| simd.add_f32s(a, b));
+        (simd.reduce_sum_f32s(sum), 2 * ACCUMULATORS * S::F32_LANES)
+    }
+}
