@@ -6,8 +6,8 @@
 //!
 //! A library for matrix products packs both operands in each call, which does not pay for the 32 to 128
 //! channels that nets have here: on one core with 91 GFLOP/s at most, `matrixmultiply` reached 50 to 69
-//! GFLOP/s on ready-made matrices of these sizes; this reaches 75 to 85 GFLOP/s in whole layers (`cargo bench
-//! --bench cpu`).
+//! GFLOP/s on ready-made matrices of these sizes; this reaches 75 to 85 GFLOP/s in whole layers (`pix2hdr bench
+//! --executor cpu --per-layer`).
 //!
 //! This is the one module with `unsafe` code, one call: [`Gemm::multiply`] is compiled a second time for CPUs
 //! with AVX2 and FMA, and calling that version is undefined on a CPU without them. The line above the call
