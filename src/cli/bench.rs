@@ -122,18 +122,18 @@ impl Bench {
             return Err(Error::Usage("--block is for GPUs; name one with --executor gpu".into()));
         }
         let mut machine = Machine::here();
-        let mut peaks = Vec::new();
-        for backend in &backends {
-            let peak = Peak::measure(backend)?;
+        let mut measured = Vec::new();
+        for backend in backends {
+            let peak = Peak::measure(&backend)?;
             machine.peaks.push(ProcessorPeak {
                 executor: backend.name(),
                 adapter: backend.adapter(),
                 gflop_per_s: 1e-9 * peak.flop_rate,
                 copy_gbyte_per_s: 1e-9 * peak.copy_rate,
             });
-            peaks.push(peak);
+            measured.push((backend, peak));
         }
-        let rows = self.rows(&nets, backends.iter().zip(peaks))?;
+        let rows = self.rows(&nets, &measured)?;
 
         let files = ["frontier.svg", "frontier.png", "bench.json"].map(|name| self.out.join(name));
         let plot = frontier(&rows);
@@ -177,18 +177,14 @@ impl Bench {
     }
 
     /// Measures every combination.
-    fn rows<'a>(
-        &self,
-        nets: &[Net],
-        backends: impl Iterator<Item = (&'a Backend, Peak)> + Clone,
-    ) -> Result<Vec<Row>> {
+    fn rows(&self, nets: &[Net], backends: &[(Backend, Peak)]) -> Result<Vec<Row>> {
         let effort = if self.quick {
             Effort { patience: Duration::from_millis(300), check_flop: 4e9 }
         } else {
             Effort { patience: Duration::from_millis(1500), check_flop: 60e9 }
         };
         let frames = self.frames.unwrap_or(if self.quick { 40 } else { 80 });
-        let ways = backends.clone().count() * self.precision.len() * self.skip.len();
+        let ways = backends.len() * self.precision.len() * self.skip.len();
         let count = nets.len() * self.size.len() * self.scene.len() * ways;
         let bar = terminal::progress(count, "measuring");
         let mut rows = Vec::with_capacity(count);
@@ -202,7 +198,7 @@ impl Bench {
                     let Net { name: preset, model, trained } = net;
                     let clip = Clip::new(name, truth.clone(), net.pattern()?, self.seed)?;
                     let oracle = Oracle::new(model, &clip, effort.check_flop)?;
-                    for (backend, peak) in backends.clone() {
+                    for &(ref backend, peak) in backends {
                         for precision in &self.precision {
                             for skip in &self.skip {
                                 let precision = precision.storage();

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Time of a trial that counts: above what starting threads costs, and short enough that one of the trials goes
-/// undisturbed where other programs run.
-const LONG_ENOUGH: Duration = Duration::from_millis(4);
-/// Trials of which the fastest is kept.
-const TRIALS: usize = 50;
-/// Trials before one is believed to be long enough.
+/// Time of a trial that counts: above what starting threads costs, and so short that some trials go undisturbed where
+/// other programs run.
+const LONG_ENOUGH: Duration = Duration::from_micros(500);
+/// How long trials are repeated. The fastest counts.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Trials before one is believed to be long enough, and at least in all.
 const CAREFUL: usize = 5;
 
 /// Vectors of sums that are independent: enough to keep two units of a latency of four or five cycles busy, few enough
@@ -20,7 +20,7 @@ const CAREFUL: usize = 5;
 const ACCUMULATORS: usize = 12;
 
 /// Bytes that are copied at once: more than caches hold.
-const COPIED_BYTES: usize = 64 << 20;
+const COPIED_BYTES: usize = 128 << 20;
 
 /// Operations per second at f32, two for each multiply-add, as a loop of nothing else reaches them with the widest
 /// vectors that there are.
@@ -59,12 +59,19 @@ fn fastest(mut work: impl FnMut(usize)) -> f64 {
         work(times);
         begun.elapsed()
     };
-    let mut best_of = |trials: usize, times| (0..trials).map(|_| time(times)).min().unwrap_or_default();
+    let mut best_of = |patience: Duration, times| {
+        let begun = Instant::now();
+        let mut shortest: Duration = (0..CAREFUL).map(|_| time(times)).min().unwrap_or_default();
+        while begun.elapsed() < patience {
+            shortest = shortest.min(time(times));
+        }
+        shortest
+    };
     let mut times = 1;
-    while best_of(CAREFUL, times) < LONG_ENOUGH && times < 1 << 40 {
+    while best_of(Duration::ZERO, times) < LONG_ENOUGH && times < 1 << 40 {
         times *= 2;
     }
-    times as f64 / best_of(TRIALS, times).as_secs_f64()
+    times as f64 / best_of(PATIENCE, times).as_secs_f64()
 }
 
 /// Chains of multiply-adds in registers: `turns` on each of the accumulators.

@@ -298,13 +298,13 @@ impl Axis {
             let unit = step.max(1.0);
             let whole = (exponent / unit).floor() * unit;
             let steps: &[f64] = if step > 0.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
-            let ticks = steps.iter().map(|factor| factor * 10_f64.powf(whole));
+            let mut ticks = steps.iter().map(|factor| factor * 10_f64.powf(whole));
             let next = 10_f64.powf(whole + unit);
             let value = 10_f64.powf(exponent);
             if up {
                 ticks.chain([next]).find(|tick| *tick >= value * 0.999).unwrap_or(next)
             } else {
-                ticks.filter(|tick| *tick <= value * 1.001).last().unwrap_or(value)
+                ticks.rfind(|tick| *tick <= value * 1.001).unwrap_or(value)
             }
         };
         let (low, high) = (round(exponents.0, false), round(exponents.1, true));
