@@ -4,6 +4,7 @@
 //! [`cpu`] or [`gpu`]) → [`video`] → [`quality`]. ARCHITECTURE.md has the map.
 
 pub mod baseline;
+pub mod bench;
 pub mod cpu;
 pub mod dataset;
 mod error;

@@ -220,17 +220,14 @@ fn dense(model: &Model, plan: &Plan, measurement: &[f32]) -> Tensor<f64> {
     for node in &model.graph.nodes {
         let inputs: Vec<Tensor<f64>> = node.tensors().map(|name| tensors[name.as_str()].clone()).collect();
         let shape = shapes[node.name.as_str()];
-        let result = match &node.op {
-            Op::Concat => {
-                let pixel = |p: usize| {
-                    inputs.iter().flat_map(move |x| x.data[p * x.shape.c..][..x.shape.c].iter().copied())
-                };
-                Tensor { shape, data: (0..shape.pixels()).flat_map(pixel).collect() }
-            }
-            _ => {
-                let step = plan.steps.iter().find(|step| step.name == node.name).unwrap();
-                evaluate(&step.kernel, &inputs, shape, &camera(), SCHEDULE)
-            }
+        let result = if node.op == Op::Concat {
+            let pixel = |p: usize| {
+                inputs.iter().flat_map(move |x| x.data[p * x.shape.c..][..x.shape.c].iter().copied())
+            };
+            Tensor { shape, data: (0..shape.pixels()).flat_map(pixel).collect() }
+        } else {
+            let step = plan.steps.iter().find(|step| step.name == node.name).unwrap();
+            evaluate(&step.kernel, &inputs, shape, &camera(), SCHEDULE)
         };
         tensors.insert(&node.name, result);
     }

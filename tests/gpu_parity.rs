@@ -7,47 +7,26 @@ mod support;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 
-use pix2hdr::cpu;
+use pix2hdr::cpu::bound::{self, StepError};
 use pix2hdr::gpu::{GpuExecutor, Overrides};
-use pix2hdr::network::{Executor, Kernel, Model, Plan, Step, Tensor, presets};
+use pix2hdr::network::{Model, Plan, Step, presets};
 use support::{calibration, gpu, graph, measurement, plan};
-
-/// Name of a kernel, which is that of its shader and twin.
-fn kernel_name(kernel: &Kernel) -> &'static str {
-    match kernel {
-        Kernel::BoxEstimate => "box_estimate",
-        Kernel::LogIrradiance => "log_irradiance",
-        Kernel::Features { .. } => "features",
-        Kernel::Conv3d(_) => "conv3d",
-        Kernel::ConvTranspose3d(_) => "conv_transpose3d",
-        Kernel::InverseResponse { .. } => "inverse_response",
-        Kernel::Fuse => "fuse",
-        Kernel::Blend { .. } => "blend",
-    }
-}
 
 /// Largest error as a fraction of its bound, by kernel.
 type Fractions = BTreeMap<&'static str, f64>;
 
-/// Compares the output of each step with the f64 twin's on the step's own inputs, as the GPU read them.
+/// Compares the output of each step with the f64 twin's.
 fn fractions(executor: &mut GpuExecutor, measurement: &[f32], schedule: i64) -> Fractions {
-    let calibration = calibration();
     let mut fractions = Fractions::new();
-    let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
-        let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
-        let schedule = step.schedule(schedule);
-        let exact = cpu::evaluate(&step.kernel, &inputs, output.shape, &calibration, schedule);
-        let bound = cpu::bound::bound(&step.kernel, &inputs, &exact, &calibration, schedule, cpu::bound::F32);
-        let fraction = cpu::bound::largest_fraction(output, &exact, &bound);
-        let kernel = kernel_name(&step.kernel);
+    let errors = bound::step_errors(executor, &calibration(), measurement, schedule, bound::F32).unwrap();
+    for StepError { step, kernel, fraction } in errors {
         if fraction > 1.0 {
             // In the order of the steps: the first of these lines is where the executors part.
-            println!("step '{}' ({kernel}) leaves its bound by a factor of {fraction:.3}", step.name);
+            println!("step '{step}' ({kernel}) leaves its bound by a factor of {fraction:.3}");
         }
         let largest = fractions.entry(kernel).or_insert(0.0);
         *largest = fraction.max(*largest);
-    };
-    executor.trace(measurement, schedule, &mut visit).unwrap();
+    }
     fractions
 }
 
@@ -384,7 +363,7 @@ fn broken_shaders_are_caught() {
     for (kernel, correct, wrong) in mutants {
         let edited = Cell::new(false);
         let edit = |step: &Step, text: &str| {
-            if kernel_name(&step.kernel) != kernel {
+            if step.kernel.name() != kernel {
                 return text.to_owned();
             }
             let broken = text.replace(correct, wrong);

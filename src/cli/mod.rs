@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod bench;
 mod dataset;
 mod demo;
 mod devices;
@@ -10,6 +11,7 @@ mod sample;
 mod scene;
 mod suite;
 mod synth;
+mod table;
 mod terminal;
 mod weights;
 
@@ -36,6 +38,7 @@ enum Command {
     Synth(synth::Synth),
     Eval(eval::Eval),
     Suite(suite::SuiteCommand),
+    Bench(bench::Bench),
     Dataset(dataset::Dataset),
     Devices(devices::Devices),
     Weights(weights::Weights),
@@ -53,6 +56,7 @@ impl Arguments {
             Command::Synth(command) => command.run(),
             Command::Eval(command) => command.run(),
             Command::Suite(command) => command.run(),
+            Command::Bench(command) => command.run(),
             Command::Dataset(command) => command.run(),
             Command::Devices(command) => command.run(),
             Command::Weights(command) => command.run(),

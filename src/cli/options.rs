@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use pix2hdr::network::Model;
 use pix2hdr::sensor::{Calibration, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
-use pix2hdr::synth::{Backend, Request, Synthesizer};
+use pix2hdr::synth::{self, Backend, Request, Synthesizer};
 use pix2hdr::{Error, Result};
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -61,6 +61,26 @@ pub enum Skip {
     Off,
 }
 
+impl Precision {
+    /// The library's name for it.
+    pub fn storage(self) -> synth::Precision {
+        match self {
+            Self::F32 => synth::Precision::F32,
+        }
+    }
+}
+
+impl Executor {
+    /// What is asked for.
+    pub fn request(self) -> Request {
+        match self {
+            Self::Auto => Request::Auto,
+            Self::Gpu => Request::Gpu,
+            Self::Cpu => Request::Cpu,
+        }
+    }
+}
+
 impl Engine {
     /// The net that `--weights` names.
     pub fn model(&self) -> Result<Model> {
@@ -69,12 +89,7 @@ impl Engine {
 
     /// Where it runs.
     pub fn backend(&self) -> Result<Backend> {
-        let request = match self.executor {
-            Executor::Auto => Request::Auto,
-            Executor::Gpu => Request::Gpu,
-            Executor::Cpu => Request::Cpu,
-        };
-        Backend::choose(request, self.adapter.as_deref())
+        Backend::choose(self.executor.request(), self.adapter.as_deref())
     }
 
     /// A synthesizer for frames of `extent` [rows, columns].

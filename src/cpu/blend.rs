@@ -54,7 +54,7 @@ impl<R: Real> Along<R> for Radiance<R> {
 
     fn end(&self, residuals: &[R], results: &mut [R]) {
         for (result, &residual) in results.iter_mut().zip(residuals) {
-            *result = *result + residual;
+            *result += residual;
         }
         self.0.inverse_of_all(results);
     }
@@ -72,7 +72,7 @@ impl<R: Real> Task for AddTap<'_, R> {
     fn run<T: Target>(self, _: T) {
         let taps = self.weights.iter().zip(self.logs).zip(self.base);
         for (result, ((&weight, &log), &base)) in self.results.iter_mut().zip(taps) {
-            *result = *result + weight * (log - base);
+            *result += weight * (log - base);
         }
     }
 }

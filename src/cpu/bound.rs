@@ -10,8 +10,11 @@ use std::sync::Arc;
 use super::blend::{Along, Blend, Inputs};
 use super::camera::{Camera, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{Simd, box_estimate, conv_transpose3d, conv3d, features};
-use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, Layer, MU, Tensor};
+use super::{Simd, box_estimate, conv_transpose3d, conv3d, evaluate, features};
+use crate::Result;
+use crate::network::{
+    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, Step, Tensor,
+};
 use crate::sensor::Calibration;
 
 /// Unit round-off of tensors that are stored as f32.
@@ -181,6 +184,40 @@ pub fn largest_fraction(actual: &Tensor<f32>, exact: &Tensor<f64>, bound: &Tenso
         }
     });
     fractions.fold(0.0, f64::max)
+}
+
+/// How far one step of a plan went from the exact result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepError {
+    /// Name of the step.
+    pub step: String,
+    /// Name of its kernel.
+    pub kernel: &'static str,
+    /// Largest error as a fraction of its bound.
+    pub fraction: f64,
+}
+
+/// Runs a window and compares the output of each step with the f64 twin's on the step's own inputs, as the executor
+/// read them. `storage` is the unit round-off of its tensors. The first step with a fraction above 1 is where the
+/// executor parts from its twin.
+pub fn step_errors(
+    executor: &mut dyn Executor,
+    calibration: &Calibration,
+    measurement: &[f32],
+    schedule: i64,
+    storage: f64,
+) -> Result<Vec<StepError>> {
+    let mut errors = Vec::new();
+    let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
+        let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
+        let schedule = step.schedule(schedule);
+        let exact = evaluate(&step.kernel, &inputs, output.shape, calibration, schedule);
+        let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
+        let fraction = largest_fraction(output, &exact, &bound);
+        errors.push(StepError { step: step.name.clone(), kernel: step.kernel.name(), fraction });
+    };
+    executor.trace(measurement, schedule, &mut visit)?;
+    Ok(errors)
 }
 
 /// Adds `f` of each value to its error.

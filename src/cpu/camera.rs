@@ -33,7 +33,7 @@ impl Camera<'_> {
         let whole = repeated.len() / period.len() * period.len();
         let exposures = if whole > 0 { &repeated[..whole] } else { period };
         let table = &self.calibration.inverse_response;
-        Simd::widest().run(Irradiance { table, exposures, measured, irradiance });
+        Simd::widest().run(Irradiance { table, exposures, measured, results: irradiance });
     }
 
     /// l of the irradiance.
@@ -48,18 +48,16 @@ struct Irradiance<'a, R> {
     table: &'a [f32],
     exposures: &'a [f32],
     measured: &'a [R],
-    irradiance: &'a mut [R],
+    results: &'a mut [R],
 }
 
 impl<R: Real> Task for Irradiance<'_, R> {
     #[inline(always)]
     fn run<T: Target>(self, _: T) {
         let n = self.exposures.len();
-        for (irradiance, measured) in self.irradiance.chunks_mut(n).zip(self.measured.chunks(n)) {
-            for ((irradiance, &measured), &exposure) in
-                irradiance.iter_mut().zip(measured).zip(self.exposures)
-            {
-                *irradiance = inverse_response(self.table, measured) / R::from_f32(exposure);
+        for (results, measured) in self.results.chunks_mut(n).zip(self.measured.chunks(n)) {
+            for ((result, &measured), &exposure) in results.iter_mut().zip(measured).zip(self.exposures) {
+                *result = inverse_response(self.table, measured) / R::from_f32(exposure);
             }
         }
     }

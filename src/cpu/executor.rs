@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use super::convolution::Packed;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
-use crate::network::{Executor, Plan, Step, Tensor, View};
+use crate::network::{Executor, Plan, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -42,18 +42,6 @@ impl<R: Real> CpuExecutor<R> {
             plan,
             calibration,
         }
-    }
-
-    /// Runs one window, and gives the time that each step took.
-    pub fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<(&Step, Duration)>> {
-        self.load(measurement)?;
-        let mut times = Vec::with_capacity(self.plan.steps.len());
-        for index in 0..self.plan.steps.len() {
-            let start = Instant::now();
-            self.step(index, schedule);
-            times.push(start.elapsed());
-        }
-        Ok(self.plan.steps.iter().zip(times).collect())
     }
 
     /// Writes the measurement into its slot. What is not finite counts as 0, so that no kernel meets NaN.
@@ -120,6 +108,28 @@ impl<R: Real> Executor for CpuExecutor<R> {
             visit(step, &inputs, &self.tensor(&step.output));
         }
         Ok(())
+    }
+
+    fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
+        self.load(measurement)?;
+        let begun = Instant::now();
+        for _ in 0..windows {
+            for index in 0..self.plan.steps.len() {
+                self.step(index, schedule);
+            }
+        }
+        Ok(WindowTime { wall: begun.elapsed(), device: None })
+    }
+
+    fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
+        self.load(measurement)?;
+        let steps = 0..self.plan.steps.len();
+        let time = |index| {
+            let begun = Instant::now();
+            self.step(index, schedule);
+            begun.elapsed()
+        };
+        Ok(steps.map(time).collect())
     }
 
     fn describe(&self) -> String {

@@ -4,7 +4,7 @@
 //! in one fixed order, so it depends neither on the tiling nor on the number of threads.
 //!
 //! A library for matrix products packs both operands in each call, which does not pay for the 24 to 128
-//! channels that nets have here (docs/experiments.md).
+//! channels that nets have here (docs/performance.md).
 // Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
 

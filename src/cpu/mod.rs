@@ -18,6 +18,7 @@ mod fuse;
 mod gemm;
 mod inverse_response;
 mod log_irradiance;
+pub mod probe;
 mod real;
 mod simd;
 mod view;

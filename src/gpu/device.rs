@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use wgpu::{BufferUsages, ErrorFilter, PollType};
+use wgpu::{BufferUsages, ErrorFilter, Features, PollType};
 
 use super::{Adapter, AdapterChoice, GpuError};
 
@@ -31,6 +31,7 @@ impl Gpu {
         let (wgpu_adapter, adapter) = choice.find()?;
         let request = wgpu_adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("pix2hdr"),
+            required_features: wgpu_adapter.features() & Features::TIMESTAMP_QUERY,
             required_limits: wgpu_adapter.limits(),
             ..Default::default()
         });

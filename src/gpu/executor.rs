@@ -1,5 +1,7 @@
 //! Runs a plan on a GPU.
 
+mod timing;
+
 use std::collections::{HashMap, VecDeque};
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
@@ -8,7 +10,7 @@ use wgpu::{BufferUsages, MapMode};
 
 use super::kernels::{Call, Resource, Target, zeros_begin, zeros_len};
 use super::{Gpu, GpuError};
-use crate::network::{Executor, Plan, Step, Tensor, View};
+use crate::network::{Executor, Plan, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -194,12 +196,7 @@ impl GpuExecutor {
     }
 
     fn encode(steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        for step in steps {
-            pass.set_pipeline(&step.pipeline);
-            pass.set_bind_group(0, &step.bind_group, &[]);
-            pass.dispatch_workgroups(step.workgroups[0], step.workgroups[1], 1);
-        }
+        record(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), steps);
     }
 
     /// A buffer that the values of `view` can be copied to.
@@ -270,6 +267,16 @@ impl Executor for GpuExecutor {
         Ok(())
     }
 
+    fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
+        self.arrive(measurement, schedule)?;
+        Ok(self.time_passes(windows)?)
+    }
+
+    fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
+        self.arrive(measurement, schedule)?;
+        Ok(self.time_each()?)
+    }
+
     fn describe(&self) -> String {
         format!("{}, f32", self.gpu.name())
     }
@@ -298,6 +305,15 @@ impl Download {
         }
         self.buffer.unmap();
         Ok(())
+    }
+}
+
+/// Records steps into a pass.
+fn record(pass: &mut wgpu::ComputePass<'_>, steps: &[Recorded]) {
+    for step in steps {
+        pass.set_pipeline(&step.pipeline);
+        pass.set_bind_group(0, &step.bind_group, &[]);
+        pass.dispatch_workgroups(step.workgroups[0], step.workgroups[1], 1);
     }
 }
 

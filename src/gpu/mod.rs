@@ -7,6 +7,7 @@ mod adapter;
 mod device;
 mod executor;
 mod kernels;
+mod probe;
 mod weights;
 
 pub use adapter::{Adapter, AdapterChoice, adapters};

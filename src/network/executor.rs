@@ -1,7 +1,18 @@
 //! What every executor of a plan can do.
 
+use std::time::Duration;
+
 use super::{Step, Tensor};
 use crate::Result;
+
+/// How long an executor computed.
+#[derive(Clone, Copy, Debug)]
+pub struct WindowTime {
+    /// On the caller's clock, with the way to the device.
+    pub wall: Duration,
+    /// On the device's own clock, where it has one.
+    pub device: Option<Duration>,
+}
 
 /// Runs one [`Plan`](super::Plan), window after window.
 pub trait Executor: Send {
@@ -19,6 +30,13 @@ pub trait Executor: Send {
         schedule: i64,
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()>;
+
+    /// Computes one window `windows` times in a row, and says how long that took: inference alone, since the
+    /// measurement is there before the clock starts, and no result is read.
+    fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime>;
+
+    /// Runs one window step by step, and gives the time that each one took, in the order of the plan.
+    fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>>;
 
     /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".
     fn describe(&self) -> String;

@@ -73,6 +73,22 @@ pub enum Kernel {
     },
 }
 
+impl Kernel {
+    /// Name of the kernel, which is that of its shader and of its CPU twin.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::BoxEstimate => "box_estimate",
+            Self::LogIrradiance => "log_irradiance",
+            Self::Features { .. } => "features",
+            Self::Conv3d(_) => "conv3d",
+            Self::ConvTranspose3d(_) => "conv_transpose3d",
+            Self::InverseResponse { .. } => "inverse_response",
+            Self::Fuse => "fuse",
+            Self::Blend { .. } => "blend",
+        }
+    }
+}
+
 /// A channel of [`Kernel::Features`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channel {

@@ -18,6 +18,17 @@ pub(super) const RULE: Colour = [222; 3];
 /// Width and height of a character at scale 1.
 const GLYPH: usize = 8;
 
+/// What plots draw on: pixels, or the elements of a vector picture. Coordinates are in pixels from the top left corner.
+pub trait Surface {
+    /// Fills `width`×`height` pixels from (x, y).
+    fn fill(&mut self, x: i64, y: i64, width: usize, height: usize, colour: Colour);
+    /// A smooth line of the given thickness between two points (pixel centres are at .5). Nothing if a coordinate is
+    /// not finite.
+    fn line(&mut self, from: (f32, f32), to: (f32, f32), thickness: f32, colour: Colour);
+    /// Text with its top left corner at (x, y); characters are 8×8 pixels times `scale`.
+    fn text(&mut self, x: i64, y: i64, text: &str, scale: usize, colour: Colour);
+}
+
 /// A colour picture; whatever is drawn outside of it is cut off.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Canvas {
@@ -66,8 +77,19 @@ impl Canvas {
         }
     }
 
-    /// Fills `width`×`height` pixels from (x, y).
-    pub fn fill(&mut self, x: i64, y: i64, width: usize, height: usize, colour: Colour) {
+    /// A grey picture [y, x] with its top left corner at (x, y); each of its pixels becomes `zoom`×`zoom`.
+    pub fn grey(&mut self, x: i64, y: i64, pixels: &[u8], width: usize, zoom: usize) {
+        for (row, line) in pixels.chunks(width.max(1)).enumerate() {
+            for (column, &value) in line.iter().enumerate() {
+                let (x, y) = (x + (column * zoom) as i64, y + (row * zoom) as i64);
+                self.fill(x, y, zoom, zoom, [value; 3]);
+            }
+        }
+    }
+}
+
+impl Surface for Canvas {
+    fn fill(&mut self, x: i64, y: i64, width: usize, height: usize, colour: Colour) {
         let clip = |from: i64, len: usize, limit: usize| {
             let end = from.saturating_add_unsigned(len as u64).clamp(0, limit as i64);
             from.clamp(0, limit as i64) as usize..end as usize
@@ -78,9 +100,7 @@ impl Canvas {
         }
     }
 
-    /// A smooth line of the given thickness between two points (pixel centres are at .5). Nothing if a coordinate
-    /// is not finite.
-    pub fn line(&mut self, from: (f32, f32), to: (f32, f32), thickness: f32, colour: Colour) {
+    fn line(&mut self, from: (f32, f32), to: (f32, f32), thickness: f32, colour: Colour) {
         let ((x0, y0), (x1, y1)) = (from, to);
         if ![x0, y0, x1, y1, thickness].iter().all(|v| v.is_finite()) {
             return;
@@ -106,8 +126,7 @@ impl Canvas {
         }
     }
 
-    /// Text with its top left corner at (x, y); characters are 8×8 pixels times `scale`.
-    pub fn text(&mut self, x: i64, y: i64, text: &str, scale: usize, colour: Colour) {
+    fn text(&mut self, x: i64, y: i64, text: &str, scale: usize, colour: Colour) {
         for (i, character) in text.chars().enumerate() {
             let left = x + (i * GLYPH * scale) as i64;
             for (row, bits) in glyph(character).into_iter().enumerate() {
@@ -115,16 +134,6 @@ impl Canvas {
                     let (x, y) = (left + (column * scale) as i64, y + (row * scale) as i64);
                     self.fill(x, y, scale, scale, colour);
                 }
-            }
-        }
-    }
-
-    /// A grey picture [y, x] with its top left corner at (x, y); each of its pixels becomes `zoom`×`zoom`.
-    pub fn grey(&mut self, x: i64, y: i64, pixels: &[u8], width: usize, zoom: usize) {
-        for (row, line) in pixels.chunks(width.max(1)).enumerate() {
-            for (column, &value) in line.iter().enumerate() {
-                let (x, y) = (x + (column * zoom) as i64, y + (row * zoom) as i64);
-                self.fill(x, y, zoom, zoom, [value; 3]);
             }
         }
     }

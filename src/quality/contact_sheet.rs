@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::canvas::{BLACK, Canvas, INK, WHITE, text_height, text_width};
+use super::canvas::{BLACK, Canvas, INK, Surface, WHITE, text_height, text_width};
 use crate::Result;
 use crate::video::png::tone_byte;
 use crate::video::{Video, VideoError};

@@ -5,9 +5,11 @@ mod contact_sheet;
 mod measures;
 mod plot;
 mod suite;
+mod svg;
 
-pub use canvas::{Canvas, Colour};
+pub use canvas::{Canvas, Colour, Surface};
 pub use contact_sheet::{ContactSheet, Panel};
 pub use measures::{Comparison, Measures, SquaredError, compare, ssim, temporal_contrast};
 pub use plot::Plot;
 pub use suite::{Light, Method, Scores, Suite, SuiteReport};
+pub use svg::Svg;

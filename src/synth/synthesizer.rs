@@ -160,21 +160,9 @@ impl Synthesizer {
 
     /// Pixel values of one frame, extended to the grid's size by pixels at the same place of the pattern.
     fn padded_frame(&self, capture: &Capture, index: usize) -> Vec<f32> {
-        let [height, width] = self.extent;
-        let mut values = vec![0.0; height * width];
+        let mut values = vec![0.0; self.extent[0] * self.extent[1]];
         capture.pixel_values(index, &mut values);
-        let Grid { height: padded_height, width: padded_width, .. } = self.grid;
-        if [height, width] == [padded_height, padded_width] {
-            return values;
-        }
-        let mut padded = Vec::with_capacity(padded_height * padded_width);
-        for y in 0..padded_height {
-            let row = &values[windows::stand_in_row(height, self.calibration.rows, y) * width..][..width];
-            padded.extend(
-                (0..padded_width).map(|x| row[windows::stand_in_row(width, self.calibration.cols, x)]),
-            );
-        }
-        padded
+        windows::padded(values, &self.calibration, self.extent, [self.grid.height, self.grid.width])
     }
 
     /// Runs all tiles of one window.

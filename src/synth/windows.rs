@@ -51,6 +51,26 @@ pub fn stand_in_row(len: usize, tile: usize, i: usize) -> usize {
     if i < len { i } else { i - (i + 1 - len).div_ceil(tile) * tile }
 }
 
+/// Pixel values [y, x] of a frame of `extent` rows and columns, extended to `wanted` by pixels at the same place of the
+/// pattern.
+pub fn padded(
+    values: Vec<f32>,
+    calibration: &Calibration,
+    extent: [usize; 2],
+    wanted: [usize; 2],
+) -> Vec<f32> {
+    let [height, width] = extent;
+    if extent == wanted {
+        return values;
+    }
+    let mut padded = Vec::with_capacity(wanted[0] * wanted[1]);
+    for y in 0..wanted[0] {
+        let row = &values[stand_in_row(height, calibration.rows, y) * width..][..width];
+        padded.extend((0..wanted[1]).map(|x| row[stand_in_row(width, calibration.cols, x)]));
+    }
+    padded
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -32,6 +32,7 @@ def kernel_net(
     pattern="mpve-1-4",
     period=8,
     hop=48,
+    reach=2,
     fold=(2, 4),
     temporal=(3, 1, 1),
     channels=("log_irradiance", "log_estimate", "saturated"),
@@ -40,12 +41,12 @@ def kernel_net(
 
     A U-net on the pattern's folded tile. `widths` are those of its levels, each half as wide and high as the one before;
     `blocks` are the residual blocks of each level, half of them on the way down and half on the way up. A block is a
-    convolution over `temporal` and one over 3×3 pixels. The taps are 5×5 pixels of the same frame, and the same
-    pixel half a period, a period and two frames before and after. The window's lead is all that the net reaches in
+    convolution over `temporal` and one over 3×3 pixels. The taps are the pixels of the same frame that are at most
+    `reach` away, and the same pixel half a period, a period and two frames before and after. The window's lead is all that the net reaches in
     time, so a result does not depend on where windows begin: `hop` can be as long as memory and latency allow.
     """
     steps = [-period, -period // 2, period // 2, period]
-    near = range(-2, 3)
+    near = range(-reach, reach + 1)
     taps = [[0, dy, dx] for dy in near for dx in near]
     taps += [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
     half, spatial = (1, 2, 2), (1, 3, 3)
@@ -173,7 +174,7 @@ def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper
 PRESETS = {
     "tiny": lambda: kernel_net((16, 32), (0, 2), name="tiny"),
     "medium": lambda: kernel_net((24, 48, 64), (0, 4, 2), name="medium"),
-    "fast": lambda: kernel_net((32, 64, 96), (0, 4, 2), name="fast"),
+    "fast": lambda: kernel_net((32, 64, 96), (0, 4, 2), reach=3, hop=96, name="fast"),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
 }

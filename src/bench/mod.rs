@@ -1,0 +1,21 @@
+//! The benchmark of run time against error.
+//!
+//! [`Case::measure`] makes one [`Row`]: how long a net takes on one executor and one [`Clip`], held against what the
+//! executor's hardware can do at most ([`Peak`]), and how good and how exact its result is. [`Floors`] says how fast a
+//! plan can be at best, [`frontier`] draws run time against error.
+
+mod check;
+mod clip;
+mod floors;
+mod frontier;
+mod machine;
+mod measure;
+mod samples;
+
+pub use check::Oracle;
+pub use clip::Clip;
+pub use floors::{Floors, Peak, Work};
+pub use frontier::frontier;
+pub use machine::{Machine, ProcessorPeak};
+pub use measure::{Case, Effort, Layer, Row};
+pub use samples::Samples;
