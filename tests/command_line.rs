@@ -219,3 +219,60 @@ fn results_are_not_written_over_what_is_there() {
     assert_eq!(fs::read_to_string(target.join("hdr/notes.txt")).unwrap(), "mine");
     assert_eq!(fs::read_dir(target.join("hdr")).unwrap().count(), 1);
 }
+
+/// Ctrl-C leaves the frames that are done; `--resume` completes them to the same bytes, and only as they were begun.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_is_taken_up_again() {
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+
+    let (folder, _) = capture();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let frames = 2400;
+    let counts = (0..frames * 16 * 24).map(|i| (i * 7919 / 13 % 1000) as u16).collect();
+    fs::create_dir(folder.path().join("long")).unwrap();
+    npy::write_counts(folder.path().join("long/capture.npy"), &[frames, 16, 24], &npy::Counts::U16(counts))
+        .unwrap();
+    fs::copy(folder.path().join("capture/capture.json"), folder.path().join("long/capture.json")).unwrap();
+    let synth =
+        |out: &str| ["synth", "--executor", "cpu", &path("long"), "--out", out].map(str::to_owned).to_vec();
+    let run = |out: &str, more: &[&str]| {
+        let arguments = synth(out);
+        pix2hdr(&[&arguments.iter().map(String::as_str).collect::<Vec<_>>()[..], more].concat())
+    };
+    let out = path("result.npy");
+    let partial = folder.path().join("result.partial.npy");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_pix2hdr"))
+        .args(synth(&out))
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    // The file's buffer is written when it is full.
+    let begun = Instant::now();
+    while fs::metadata(&partial).map_or(0, |meta| meta.len()) < 100_000 {
+        assert!(begun.elapsed() < Duration::from_mins(2), "no frame is written");
+        assert!(child.try_wait().unwrap().is_none(), "it ended before it could be interrupted");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(!child.wait().unwrap().success());
+    let done = video::read(&partial).unwrap().frames;
+    assert!((1..frames).contains(&done), "{done} frames");
+    assert!(!Path::new(&out).exists());
+
+    let error = |output: Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(error(run(&out, &[])).contains("--resume"));
+    assert!(error(run(&out, &["--resume", "--half"])).contains("half"));
+    assert!(error(run(&path("other.npy"), &["--resume"])).contains("other.partial.npy"));
+    let resumed = run(&out, &["--resume", "--json"]);
+    assert!(resumed.status.success(), "{}", error(resumed));
+    let report: serde_json::Value = serde_json::from_slice(&resumed.stdout).unwrap();
+    assert_eq!(report["frames"], frames - done);
+    let whole = path("whole.npy");
+    assert!(run(&whole, &[]).status.success());
+    assert!(fs::read(&out).unwrap() == fs::read(&whole).unwrap(), "the results differ");
+    let left = fs::read_dir(folder.path()).unwrap().flatten();
+    assert!(left.into_iter().all(|entry| !entry.file_name().to_string_lossy().contains("partial")));
+}

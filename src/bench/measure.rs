@@ -14,7 +14,7 @@ use crate::gpu::{GpuExecutor, Overrides};
 use crate::network::{Executor, Model, Plan};
 use crate::quality::compare;
 use crate::sensor::Calibration;
-use crate::synth::{Backend, Precision, Synthesizer, tiles::Grid, windows};
+use crate::synth::{Backend, Options, Precision, Skip, Skipped, Synthesizer, tiles::Grid, windows};
 use crate::video::Video;
 
 /// A sample takes at least this long, so that it outweighs the way to a device: short windows are computed several
@@ -44,8 +44,8 @@ pub struct Case<'a> {
     pub peak: Peak,
     /// How numbers are stored.
     pub precision: Precision,
-    /// What may be left out: `off` for nothing.
-    pub skip: &'a str,
+    /// What may be left out.
+    pub skip: Skip,
     /// Pixels and vectors that one invocation of a GPU convolution computes, if they are not to be chosen by layer.
     /// Only inference is measured then.
     pub block: Option<[usize; 2]>,
@@ -69,7 +69,7 @@ pub struct Row {
     /// `f32` or `f16`.
     pub precision: &'static str,
     /// `off`, `exact` or `bounded`.
-    pub skip: String,
+    pub skip: &'static str,
     /// Name of the scene.
     pub scene: String,
     /// Columns.
@@ -100,7 +100,7 @@ pub struct Row {
     pub processor_ms_per_frame: Option<f64>,
     /// Capture in memory to video in memory: upload, synthesis, read-back.
     pub end_to_end_ms_per_frame: Option<f64>,
-    /// Share of the tiles that were computed.
+    /// Share of the cells of the video (Architecture, Skipping) that were computed.
     pub tiles_computed_fraction: Option<f64>,
     /// PSNR-µ against the truth, in dB.
     pub psnr_mu_db: Option<f64>,
@@ -175,7 +175,7 @@ impl Case<'_> {
         let inference = self.inference(&mut tiles, schedule)?;
         // What is skipped depends on the windows before, so only the whole job shows it.
         let wall = match &whole {
-            Some(whole) if self.skip != "off" => &whole.windows,
+            Some(whole) if self.skip != Skip::Off => &whole.windows,
             _ => &inference.wall,
         };
         let peak_memory_bytes = memory.then(machine::peak_memory).flatten();
@@ -190,7 +190,7 @@ impl Case<'_> {
         let psnr_vs_oracle_db = match &whole {
             Some(whole) if oracle.is_whole() => Some(oracle.psnr_of_video(clip, &whole.video)),
             // The executor by itself never skips.
-            _ if self.skip != "off" => None,
+            _ if self.skip != Skip::Off => None,
             _ => Some(oracle.psnr_of_executor(&mut *checked)?),
         };
         let psnr_mu_db = match &whole {
@@ -206,7 +206,7 @@ impl Case<'_> {
             executor: self.backend.name(),
             adapter: self.backend.adapter(),
             precision,
-            skip: self.skip.to_owned(),
+            skip: self.skip.name(),
             scene: clip.scene.clone(),
             width,
             height,
@@ -221,8 +221,7 @@ impl Case<'_> {
             device_ms_per_frame_median: inference.device.map(|times| per_frame(times.median())),
             processor_ms_per_frame: inference.processor.map(per_frame),
             end_to_end_ms_per_frame: whole.as_ref().map(|whole| whole.ms_per_frame),
-            // Nothing can be skipped yet.
-            tiles_computed_fraction: whole.is_some().then_some(1.0),
+            tiles_computed_fraction: whole.as_ref().map(|whole| whole.computed),
             psnr_mu_db,
             box_psnr_mu_db: clip.box_psnr_mu_db,
             psnr_vs_oracle_db,
@@ -246,18 +245,26 @@ impl Case<'_> {
     /// The whole job.
     fn end_to_end(&self, clip: &Clip, calibration: &Calibration) -> Result<EndToEnd> {
         let extent = clip.extent();
-        let mut synthesizer = Synthesizer::new(self.model, calibration.clone(), extent, self.backend, None)?;
+        let options = Options { skip: self.skip, ..Options::default() };
+        let mut synthesizer =
+            Synthesizer::with(self.model, calibration.clone(), extent, self.backend, options)?;
         // Every run gives the same.
-        let mut video = Video::black(0, 0, 0);
+        let (mut video, mut computed) = (Video::black(0, 0, 0), 1.0);
         let runs = repeat(self.effort.patience, || {
             let begun = Instant::now();
             let (result, report) = synthesizer.video(&clip.capture)?;
             video = result;
+            computed = report.skipping.as_ref().map_or(1.0, Skipped::active_fraction);
             Ok((begun.elapsed(), report.window_times))
         })?;
         let times = Samples::new(runs.iter().map(|(time, _)| *time).collect());
         let windows = Samples::new(runs.into_iter().flat_map(|(_, windows)| windows).collect());
-        Ok(EndToEnd { video, ms_per_frame: 1e3 * times.median() / clip.capture.frames as f64, windows })
+        Ok(EndToEnd {
+            video,
+            ms_per_frame: 1e3 * times.median() / clip.capture.frames as f64,
+            windows,
+            computed,
+        })
     }
 
     /// The sizes of tiles that a frame is cut into.
@@ -345,6 +352,8 @@ struct EndToEnd {
     ms_per_frame: f64,
     /// Time of each window of all runs.
     windows: Samples,
+    /// Share of the cells that were computed.
+    computed: f64,
 }
 
 /// Times of a window with all its tiles.

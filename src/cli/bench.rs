@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use pix2hdr::bench::{Case, Clip, Effort, Machine, Oracle, Peak, ProcessorPeak, Row, frontier};
 use pix2hdr::network::{Model, presets};
 use pix2hdr::scene::procedural;
 use pix2hdr::sensor::Pattern;
-use pix2hdr::synth::{Backend, Request};
+use pix2hdr::synth::{self, Backend, Request};
 use pix2hdr::video::atomic;
 use pix2hdr::{Error, Result};
 use serde_json::json;
 
-use super::options::{Executor, Precision, Skip, show};
+use super::options::{Executor, Precision, Skip, allowed_error, show};
 use super::scene::{Size, at_least_one};
 use super::table::{Table, figure, short};
 use super::terminal;
@@ -49,6 +49,9 @@ pub struct Bench {
     /// What may be left out
     #[arg(long, value_enum, value_delimiter = ',', default_value = "off", value_name = "SKIP,…")]
     skip: Vec<Skip>,
+    /// With --skip bounded: as in `synth`
+    #[arg(long, default_value_t = synth::Skip::ALLOWED_ERROR, value_parser = allowed_error, value_name = "L")]
+    allowed_error: f64,
     /// Built-in scenes
     #[arg(long, value_delimiter = ',', default_value = "fan", value_name = "SCENE,…")]
     scene: Vec<String>,
@@ -202,7 +205,7 @@ impl Bench {
                         for precision in &self.precision {
                             for skip in &self.skip {
                                 let precision = precision.storage();
-                                let skip = &value_name(skip);
+                                let skip = skip.within(self.allowed_error);
                                 let case = Case {
                                     preset,
                                     model,
@@ -258,11 +261,6 @@ impl Bench {
     }
 }
 
-/// The name of a value on the command line.
-fn value_name(value: &impl ValueEnum) -> String {
-    value.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
-}
-
 /// Name of a net, marked where its weights are random.
 fn preset(row: &Row) -> String {
     format!("{}{}", row.preset, if row.weights == "random" { "*" } else { "" })
@@ -271,7 +269,7 @@ fn preset(row: &Row) -> String {
 /// What a row is about.
 fn subject(row: &Row) -> Vec<String> {
     let size = format!("{}×{}", row.width, row.height);
-    vec![preset(row), row.executor.into(), row.precision.into(), row.skip.clone(), row.scene.clone(), size]
+    vec![preset(row), row.executor.into(), row.precision.into(), row.skip.into(), row.scene.clone(), size]
 }
 
 fn title(row: &Row) -> String {

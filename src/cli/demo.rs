@@ -7,7 +7,7 @@ use clap::Args;
 use pix2hdr::baseline::box_filter;
 use pix2hdr::quality::{Panel, Plot, compare};
 use pix2hdr::scene::procedural;
-use pix2hdr::sensor::Capture;
+use pix2hdr::sensor::{Capture, hold_to_covering};
 use pix2hdr::synth::check_fits;
 use pix2hdr::video::{self, Video, Writing};
 use pix2hdr::{Error, Result};
@@ -57,7 +57,7 @@ impl Demo {
         let (truth, anchor) = self.size.render(&*scene, self.camera.seed)?;
         let mut capture = sampler.sample(&truth)?;
         capture.info.anchor = Some(f64::from(anchor));
-        if let Some(warning) = check_fits(&model, &capture)? {
+        if let Some(warning) = check_fits(&model, &capture.recording())? {
             terminal::warn(&warning);
         }
         let calibration = capture.calibration();
@@ -81,7 +81,9 @@ impl Demo {
         let panels = |video: &Video| -> Vec<Panel> {
             shown.iter().map(|&t| Panel::toned(video.frame(t), width)).collect()
         };
-        contact_sheet(&capture, &shown, panels(&result))
+        let measurement = hold_to_covering(&capture).measurement();
+        let mosaics: Vec<Vec<f32>> = shown.iter().map(|&t| measurement.frame(t).to_vec()).collect();
+        contact_sheet(&capture.recording(), &shown, &mosaics, panels(&result))
             .row("truth", panels(&truth))
             .write(add("contact-sheet.png"))?;
         let pixel = liveliest(&truth);

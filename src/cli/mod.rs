@@ -6,6 +6,7 @@ mod demo;
 mod devices;
 mod eval;
 mod import;
+mod interrupt;
 mod options;
 mod sample;
 mod scene;

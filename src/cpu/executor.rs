@@ -23,6 +23,8 @@ pub struct CpuExecutor<R> {
     /// Padding channels are never written and stay zero, or what another tensor left there.
     slots: Vec<Vec<R>>,
     scratch: ScratchPool<R>,
+    /// Whether the result's slot holds a window that nobody has collected.
+    done: bool,
 }
 
 impl<R: Real> CpuExecutor<R> {
@@ -39,6 +41,7 @@ impl<R: Real> CpuExecutor<R> {
             packed: plan.steps.iter().map(|step| pack(&step.kernel, simd)).collect(),
             slots: plan.slots.iter().map(|&len| vec![R::ZERO; len]).collect(),
             scratch: ScratchPool::default(),
+            done: false,
             plan,
             calibration,
         }
@@ -78,11 +81,28 @@ impl<R: Real> CpuExecutor<R> {
 
 impl<R: Real> Executor for CpuExecutor<R> {
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
-        let view = self.plan.result;
-        check_len("the result", result.len(), view.shape.len())?;
+        check_len("the result", result.len(), self.plan.result.shape.len())?;
+        self.submit(measurement, schedule)?;
+        self.collect(result)
+    }
+
+    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+        if self.done {
+            return Err(Error::Usage("a window is computed; collect it first".into()));
+        }
         self.load(measurement)?;
         for index in 0..self.plan.steps.len() {
             self.step(index, schedule);
+        }
+        self.done = true;
+        Ok(())
+    }
+
+    fn collect(&mut self, result: &mut [f32]) -> Result<()> {
+        let view = self.plan.result;
+        check_len("the result", result.len(), view.shape.len())?;
+        if !std::mem::take(&mut self.done) {
+            return Err(Error::Usage("no window was submitted".into()));
         }
         let pixels = TensorView::new(&self.slots[view.slot], &view).pixels();
         for (result, value) in result.iter_mut().zip(pixels.flatten()) {
@@ -91,6 +111,10 @@ impl<R: Real> Executor for CpuExecutor<R> {
             *result = if value.is_finite() { value } else { 0.0 };
         }
         Ok(())
+    }
+
+    fn in_flight(&self) -> usize {
+        1
     }
 
     fn trace(

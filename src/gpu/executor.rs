@@ -251,6 +251,18 @@ impl Executor for GpuExecutor {
         self.collect(result)
     }
 
+    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+        Self::submit(self, measurement, schedule)
+    }
+
+    fn collect(&mut self, result: &mut [f32]) -> Result<()> {
+        Self::collect(self, result)
+    }
+
+    fn in_flight(&self) -> usize {
+        Self::IN_FLIGHT
+    }
+
     fn trace(
         &mut self,
         measurement: &[f32],

@@ -22,6 +22,16 @@ pub trait Executor: Send {
     /// is the schedule time of its first frame. `result` receives irradiance [hop, H, W].
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()>;
 
+    /// Starts to compute a window: as [`Executor::run`], but an executor whose work is done elsewhere returns while
+    /// it is being done. At most [`Executor::in_flight`] windows may be submitted and not yet collected.
+    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()>;
+
+    /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`.
+    fn collect(&mut self, result: &mut [f32]) -> Result<()>;
+
+    /// How many windows can be submitted before one is collected.
+    fn in_flight(&self) -> usize;
+
     /// Runs one window and shows each step with the tensors that it read and the one that it wrote, so that
     /// two executors can be compared step by step.
     fn trace(

@@ -143,6 +143,21 @@ impl Model {
         Ok(Self { graph, layers, trained })
     }
 
+    /// A number that differs between models with different graphs or weights (FNV-1a).
+    pub fn digest(&self) -> u64 {
+        let mut layers: Vec<_> = self.layers.iter().collect();
+        layers.sort_by_key(|(name, _)| *name);
+        let values = layers.into_iter().flat_map(|(_, layer)| {
+            let norm = layer.norm.iter().flat_map(|(scale, shift)| scale.iter().chain(shift));
+            layer.weight.iter().chain(&layer.bias).chain(norm)
+        });
+        let graph = serde_json::to_vec(&self.graph).unwrap_or_default();
+        let bytes = graph.into_iter().chain(values.flat_map(|value| value.to_le_bytes()));
+        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
+    }
+
     /// Number of values in all tensors.
     pub fn parameters(&self) -> usize {
         let norm = |layer: &Layer| layer.norm.as_ref().map_or(0, |(a, b)| a.len() + b.len());

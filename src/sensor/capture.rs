@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::pattern::Tile;
-use super::{Calibration, Form, Pattern, Response, SensorError};
+use super::{Calibration, CaptureFile, Form, Pattern, Recording, Response, SensorError};
+use crate::Result;
 use crate::video::npy::{Counts, read_counts, write_counts};
 use crate::video::{Video, atomic};
-use crate::{At, Result};
 
 /// Name of the array in a capture folder.
-const ARRAY: &str = "capture.npy";
+pub(super) const ARRAY: &str = "capture.npy";
 
 /// What each frame of a capture holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,6 +60,17 @@ pub struct CaptureInfo {
     pub anchor: Option<f64>,
 }
 
+impl CaptureInfo {
+    /// Pixel values y in [0, 1] of counts.
+    pub(super) fn pixel_values<C: Copy + Into<f64>>(&self, counts: &[C], values: &mut [f32]) {
+        let black = self.black_level;
+        let scale = 1.0 / (self.white_level - black);
+        for (value, &count) in values.iter_mut().zip(counts) {
+            *value = ((count.into() - black) * scale).clamp(0.0, 1.0) as f32;
+        }
+    }
+}
+
 fn covering() -> Timing {
     Timing::Covering
 }
@@ -89,7 +100,7 @@ impl PatternSource {
         }
     }
 
-    fn pattern(&self) -> Result<Pattern, SensorError> {
+    pub(super) fn pattern(&self) -> Result<Pattern, SensorError> {
         match self {
             Self::Name(name) => Pattern::built_in(name),
             Self::Tile(tile) => tile.pattern("custom"),
@@ -108,7 +119,7 @@ pub enum ResponseSource {
 }
 
 impl ResponseSource {
-    fn form(&self, folder: Option<&Path>) -> Result<Form> {
+    pub(super) fn form(&self, folder: Option<&Path>) -> Result<Form> {
         match self {
             Self::Form(form) => Ok(form.clone()),
             Self::Csv(name) => {
@@ -150,64 +161,20 @@ impl Capture {
     /// A capture of extents [t, y, x]; a response in a CSV file is looked for in `folder`.
     pub fn new(info: CaptureInfo, extent: [usize; 3], counts: Counts, folder: Option<&Path>) -> Result<Self> {
         let [frames, height, width] = extent;
-        let pattern = info.pattern.pattern()?;
-        let response = Response::new(info.response.form(folder)?, pattern.shortest_exposure() as f64)?;
-        let fail = |problem: String| Err(SensorError::Capture(problem).into());
+        let Recording { info, pattern, response, .. } = Recording::new(info, [height, width], folder)?;
         if counts.is_empty() || counts.len() != frames * height * width {
-            return fail(format!("{} values for {frames}×{height}×{width}", counts.len()));
-        }
-        if height < pattern.rows || width < pattern.cols {
-            return fail(format!(
-                "{height}×{width} pixels are fewer than the {}×{} of the pattern's tile",
-                pattern.rows, pattern.cols
-            ));
-        }
-        let CaptureInfo { bit_depth, black_level, white_level, frame_period_ms, .. } = info;
-        if !(1..=16).contains(&bit_depth) {
-            return fail(format!("a bit depth of {bit_depth}"));
-        }
-        if !(black_level.is_finite() && white_level.is_finite() && black_level < white_level) {
-            return fail(format!("black level {black_level} is not below white level {white_level}"));
-        }
-        if !(frame_period_ms.is_finite() && frame_period_ms > 0.0) {
-            return fail(format!("a frame period of {frame_period_ms} ms"));
-        }
-        if info.schedule_start.unsigned_abs() > 1 << 40 {
-            return fail(format!("a schedule start of {}", info.schedule_start));
+            let problem = format!("{} values for {frames}×{height}×{width}", counts.len());
+            return Err(SensorError::Capture(problem).into());
         }
         Ok(Self { info, pattern, response, frames, height, width, counts })
     }
 
-    /// Reads a capture: a `.npy` file with its `.json` beside it, or a folder that holds `capture.npy`.
-    ///
-    /// `overrides` replace keys of the JSON file; with enough of them no JSON file is needed.
+    /// Reads a whole capture into memory (see [`CaptureFile::open`]).
     pub fn read(path: impl AsRef<Path>, overrides: &Map<String, Value>) -> Result<Self> {
-        let path = path.as_ref();
-        let array = if path.is_dir() { path.join(ARRAY) } else { path.to_owned() };
-        let (extent, counts) = read_counts(&array)?;
-        let json = array.with_extension("json");
-        let mut keys = match std::fs::read_to_string(&json) {
-            Ok(text) => serde_json::from_str::<Map<String, Value>>(&text)
-                .map_err(|e| SensorError::Capture(e.to_string()))
-                .at(&json)?,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound && overrides.contains_key("pattern") => {
-                Map::new()
-            }
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                let problem = "missing; it says how to read the capture (or name a pattern with --pattern)";
-                return Err(crate::Error::from(SensorError::Capture(problem.into())).at(&json));
-            }
-            Err(e) => return Err(e).at(&json),
-        };
-        keys.extend(overrides.clone());
-        // A bare array says nothing of its depth but its type.
-        let depth = if matches!(counts, Counts::U8(_)) { 8 } else { 16 };
-        let depth = keys.entry("bit_depth").or_insert(depth.into()).as_u64().unwrap_or(depth).clamp(1, 16);
-        keys.entry("white_level").or_insert(((1u64 << depth) - 1).into());
-        let info: CaptureInfo = serde_json::from_value(Value::Object(keys))
-            .map_err(|e| SensorError::Capture(e.to_string()))
-            .at(&json)?;
-        Self::new(info, extent, counts, array.parent()).at(&array)
+        let file = CaptureFile::open(path, overrides)?;
+        let (_, counts) = read_counts(&file.array)?;
+        let Recording { info, pattern, response, height, width, .. } = file.recording;
+        Ok(Self { info, pattern, response, frames: file.frames, height, width, counts })
     }
 
     /// Writes `capture.npy` and `capture.json` into `folder`. Returns their paths.
@@ -233,16 +200,9 @@ impl Capture {
     /// Pixel values y in [0, 1] of frame `t`, [y, x].
     pub fn pixel_values(&self, t: usize, values: &mut [f32]) {
         let len = self.height * self.width;
-        let black = self.info.black_level;
-        let scale = 1.0 / (self.info.white_level - black);
-        let value = |count: f64| ((count - black) * scale).clamp(0.0, 1.0) as f32;
         match &self.counts {
-            Counts::U8(counts) => {
-                values.iter_mut().zip(&counts[t * len..][..len]).for_each(|(v, &c)| *v = value(f64::from(c)));
-            }
-            Counts::U16(counts) => {
-                values.iter_mut().zip(&counts[t * len..][..len]).for_each(|(v, &c)| *v = value(f64::from(c)));
-            }
+            Counts::U8(counts) => self.info.pixel_values(&counts[t * len..][..len], values),
+            Counts::U16(counts) => self.info.pixel_values(&counts[t * len..][..len], values),
         }
     }
 

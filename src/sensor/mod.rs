@@ -4,6 +4,7 @@ mod calibration;
 mod capture;
 mod importer;
 mod pattern;
+mod recording;
 mod response;
 mod sampler;
 
@@ -11,6 +12,7 @@ pub use calibration::Calibration;
 pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
 pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
+pub use recording::{CaptureFile, FrameSource, Recording};
 pub use response::{Form, Response};
 pub use sampler::{Noise, Sampler};
 

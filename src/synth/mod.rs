@@ -1,12 +1,27 @@
-//! The main job: capture → HDR video, window after window and tile after tile.
+//! The main job: recording → HDR video, window after window and tile after tile.
 //!
-//! [`windows`] says which frames a net sees, [`tiles`] which pixels, [`Backend`] where it runs;
-//! [`Synthesizer`] puts them together.
+//! Data flows so: a thread reads frames from a [`FrameSource`](crate::sensor::FrameSource) into [`footage`], the part
+//! of the recording that is in memory. [`windows`] says which frames a net sees. The [`gate`] decides which cells of a
+//! window have to be computed ([`memory`] and [`noise`]: what counts as a change), [`cover`] puts them into boxes, and
+//! [`layout`] makes tiles of those ([`tiles`]: which pixels a tile sees). The [`line`] has executors of the [`pool`]
+//! compute them, puts results together, and delivers frames to a thread that writes them. [`Synthesizer`] runs it all.
 
 mod backend;
+mod cover;
+mod footage;
+mod gate;
+mod layout;
+mod line;
+mod memory;
+mod noise;
+mod pool;
+mod report;
 mod synthesizer;
 pub mod tiles;
 pub mod windows;
 
 pub use backend::{Backend, Precision, Request};
-pub use synthesizer::{Report, Synthesizer, check_fits};
+pub use cover::Active;
+pub use line::ResultFrame;
+pub use report::{Audit, Report, Skipped};
+pub use synthesizer::{Options, Skip, Synthesizer, check_fits};

@@ -1,60 +1,94 @@
-//! Runs a model over a capture.
+//! Runs a model over a recording.
 
-use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use super::Backend;
-use super::tiles::{Grid, Stretch};
+use super::cover::cover;
+use super::footage::{Footage, Seen};
+use super::gate::{Cells, Gate};
+use super::layout::Layout;
+use super::line::{Done, Line, ResultFrame, Submitted};
+use super::pool::{Pool, with_hop};
+use super::report::Report;
+use super::tiles::{Cut, Grid};
 use super::windows;
-use crate::network::{Executor, Model, Plan, Window};
-use crate::sensor::{Calibration, Capture, SensorError, hold_to_covering};
+use crate::math::lcm;
+use crate::network::{Graph, Model, NetworkError, Plan, Window};
+use crate::sensor::{Calibration, Capture, FrameSource, Recording, SensorError};
 use crate::video::Video;
 use crate::{Error, Result};
 
-/// A model made ready for captures of one size.
+/// What may be left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Skip {
+    /// Nothing.
+    #[default]
+    Off,
+    /// What gives the same bits.
+    Exact,
+    /// What differs by no more than noise explains, or by no more than this in l.
+    Bounded(f64),
+}
+
+impl Skip {
+    /// Error that is allowed where the user says nothing: 1.7% of the irradiance. It costs less than 0.1 dB of PSNR-µ
+    /// at the quality that the nets reach (docs/skipping.md).
+    pub const ALLOWED_ERROR: f64 = 0.002;
+
+    /// `off`, `exact` or `bounded`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Exact => "exact",
+            Self::Bounded(_) => "bounded",
+        }
+    }
+}
+
+/// How a synthesizer works.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Longest side of a tile's kept part, in pixels.
+    pub side: Option<usize>,
+    /// What may be left out.
+    pub skip: Skip,
+    /// Result frames of a window, in place of the model's own number.
+    pub hop: Option<usize>,
+}
+
+/// A model made ready for recordings of one size.
 pub struct Synthesizer {
     window: Window,
     calibration: Calibration,
     extent: [usize; 2],
     grid: Grid,
-    /// Executors by the size of tile that they are for; few, since only tiles at the borders differ.
-    executors: Vec<([usize; 2], Box<dyn Executor>)>,
+    pool: Pool,
+    /// What computes, in words.
+    executor: String,
+    /// Operations per result frame.
     flop: f64,
+    skip: Skip,
+    cells: Cells,
+    layout: Layout,
+    /// Cells [rows, columns] around a changed one that are computed with it.
+    spread: [usize; 2],
+    stop: Arc<AtomicBool>,
 }
 
-/// What a run did.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// Result frames.
-    pub frames: usize,
-    /// Windows.
-    pub windows: usize,
-    /// Tiles per window.
-    pub tiles: usize,
-    /// Time that each window took, tiles and transfers included.
-    pub window_times: Vec<Duration>,
-    /// Result frames per window.
-    pub hop: usize,
-    /// The executor, in words.
-    pub executor: String,
-    /// Operations of the convolutions per result frame.
-    pub flop_per_frame: f64,
-}
+/// Least frames of a cell, and least rows and columns.
+const CELL_FRAMES: usize = 8;
+const CELL_SIDE: usize = 4;
+/// Bytes of frames that wait between threads.
+const WAITING_BYTES: usize = 64 << 20;
 
-impl Report {
-    /// Median time per result frame in milliseconds.
-    pub fn ms_per_frame(&self) -> f64 {
-        let mut times = self.window_times.clone();
-        times.sort_unstable();
-        times.get(times.len() / 2).map_or(0.0, |time| 1e3 * time.as_secs_f64() / self.hop as f64)
-    }
-}
-
-/// Checks that `model` was made for what `capture` holds. A different pattern is refused, a different response is
+/// Checks that `model` was made for what `recording` holds. A different pattern is refused, a different response is
 /// a warning, which is returned.
-pub fn check_fits(model: &Model, capture: &Capture) -> Result<Option<String>> {
-    model.check_pattern(&capture.pattern)?;
-    let response = serde_json::to_value(capture.response.form()).unwrap_or_default();
+pub fn check_fits(model: &Model, recording: &Recording) -> Result<Option<String>> {
+    model.check_pattern(&recording.pattern)?;
+    let response = serde_json::to_value(recording.response.form()).unwrap_or_default();
     let trained = &model.trained.response;
     Ok((trained != "any" && *trained != response).then(|| {
         format!(
@@ -73,24 +107,60 @@ impl Synthesizer {
         backend: &Backend,
         side: Option<usize>,
     ) -> Result<Self> {
+        Self::with(model, calibration, extent, backend, Options { side, ..Options::default() })
+    }
+
+    /// As [`Synthesizer::new`], with all options.
+    pub fn with(
+        model: &Model,
+        calibration: Calibration,
+        extent: [usize; 2],
+        backend: &Backend,
+        options: Options,
+    ) -> Result<Self> {
         model.graph.check_renders_video()?;
-        let grid = Grid::fit(model, &calibration, extent, backend.limits(side))?;
-        let mut executors: Vec<([usize; 2], Box<dyn Executor>)> = Vec::new();
-        let mut flop_of_size = Vec::new();
+        let skip = options.skip;
+        let (hop, cell_frames) = hop_and_cell(&model.graph, &calibration, options)?;
+        let model = &with_hop(model, hop);
+        let grid = Grid::fit(model, &calibration, extent, backend.limits(options.side))?;
+        let exact = Cut::exact(&model.graph, &calibration)?;
+        let side = |i: usize| exact.unit[i] * CELL_SIDE.div_ceil(exact.unit[i]);
+        let cells = Cells {
+            size: [cell_frames, side(0), side(1)],
+            slabs: hop / cell_frames,
+            height: grid.height,
+            width: grid.width,
+            repeat: lcm(cell_frames, calibration.period),
+        };
+        let spread = match skip {
+            Skip::Bounded(_) => [1, 1],
+            _ => [exact.halo[0].div_ceil(cells.size[1]), exact.halo[1].div_ceil(cells.size[2])],
+        };
+        let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
+        let layout = Layout::new(model, cut, &cells, &grid)?;
+        let mut pool = Pool::new(backend, model, &calibration);
         let mut flop = 0.0;
-        for (row, col) in grid.tiles() {
-            let size = [row.outer_len, col.outer_len];
-            if let Some(known) = executors.iter().position(|(known, _)| *known == size) {
-                flop += flop_of_size[known];
-                continue;
-            }
-            let plan = Plan::lower(model, size[0], size[1])?;
-            flop += plan.flop();
-            flop_of_size.push(plan.flop());
-            executors.push((size, backend.executor(plan, &calibration)?));
+        for tile in layout.whole() {
+            flop += Plan::lower(model, tile.row.outer_len, tile.col.outer_len)?.flop() / hop as f64;
         }
+        // What cannot work is said before anything is read.
+        let executor = pool.describe(layout.whole()[0].size())?;
         let window = model.graph.window;
-        Ok(Self { window, calibration, extent, grid, executors, flop: flop / window.hop as f64 })
+        let stop = Arc::default();
+        Ok(Self {
+            window,
+            calibration,
+            extent,
+            grid,
+            pool,
+            executor,
+            flop,
+            skip,
+            cells,
+            layout,
+            spread,
+            stop,
+        })
     }
 
     /// The tiles.
@@ -98,54 +168,18 @@ impl Synthesizer {
         &self.grid
     }
 
+    /// Set it from anywhere to end a run after the window that is being computed.
+    pub fn stop(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.stop)
+    }
+
     /// Synthesises all frames of `capture`; `sink` gets each one [rows, columns] in order, as irradiance p.
     pub fn run(
         &mut self,
         capture: &Capture,
-        mut sink: impl FnMut(usize, &[f32]) -> Result<()>,
+        mut sink: impl FnMut(usize, &[f32]) -> Result<()> + Send,
     ) -> Result<Report> {
-        if [capture.height, capture.width] != self.extent || capture.calibration() != self.calibration {
-            return Err(SensorError::Capture(
-                "not the size or camera that the synthesis was made for".into(),
-            )
-            .into());
-        }
-        let capture = &*hold_to_covering(capture);
-        let start = capture.info.schedule_start;
-        let all = windows::covering(self.window, start, capture.frames);
-        let mut report = Report {
-            frames: capture.frames,
-            windows: all.clone().count(),
-            tiles: self.grid.tiles().count(),
-            window_times: Vec::new(),
-            hop: self.window.hop,
-            executor: self.executors[0].1.describe(),
-            flop_per_frame: self.flop,
-        };
-        // Frames that the window sees, with their schedule times.
-        let mut seen: VecDeque<(i64, Vec<f32>)> = VecDeque::new();
-        let mut result = Video::black(self.window.hop, self.extent[0], self.extent[1]);
-        for k in all {
-            let begun = Instant::now();
-            let times = windows::seen(self.window, k);
-            let schedule = times.start;
-            while seen.front().is_some_and(|(t, _)| *t < schedule) {
-                seen.pop_front();
-            }
-            for t in seen.back().map_or(schedule, |(t, _)| t + 1).max(schedule)..times.end {
-                let index = windows::stand_in(&self.calibration, start, capture.frames, t);
-                seen.push_back((t, self.padded_frame(capture, index)));
-            }
-            self.window(&seen, schedule, &mut result)?;
-            report.window_times.push(begun.elapsed());
-            for t in 0..self.window.hop {
-                let index = k * self.window.hop as i64 + t as i64 - start;
-                if (0..capture.frames as i64).contains(&index) {
-                    sink(index as usize, result.frame(t))?;
-                }
-            }
-        }
-        Ok(report)
+        self.stream(&mut *capture.frames(), 0, |frame| sink(frame.number, &frame.values))
     }
 
     /// Synthesises a whole capture into memory.
@@ -158,44 +192,161 @@ impl Synthesizer {
         Ok((video, report))
     }
 
-    /// Pixel values of one frame, extended to the grid's size by pixels at the same place of the pattern.
-    fn padded_frame(&self, capture: &Capture, index: usize) -> Vec<f32> {
-        let mut values = vec![0.0; self.extent[0] * self.extent[1]];
-        capture.pixel_values(index, &mut values);
-        windows::padded(values, &self.calibration, self.extent, [self.grid.height, self.grid.width])
+    /// Synthesises what `source` delivers, in memory that does not depend on its length. `sink` gets each frame in
+    /// order, from frame `from` on, to the bit as if the run had begun with the first one.
+    ///
+    /// Frames are read on a thread of their own, and `sink` runs on another one; a few frames wait between them.
+    pub fn stream(
+        &mut self,
+        source: &mut dyn FrameSource,
+        from: usize,
+        mut sink: impl FnMut(ResultFrame) -> Result<()> + Send,
+    ) -> Result<Report> {
+        let recording = source.recording().clone();
+        if [recording.height, recording.width] != self.extent || recording.calibration() != self.calibration {
+            return Err(SensorError::Capture(
+                "not the size or camera that the synthesis was made for".into(),
+            )
+            .into());
+        }
+        let begun = Instant::now();
+        let waiting = (WAITING_BYTES / (4 * self.grid.height * self.grid.width)).clamp(2, 64);
+        let padding =
+            Padding { extent: self.extent, calibration: &self.calibration.clone(), grid: &self.grid.clone() };
+        std::thread::scope(|scope| {
+            let (send_frame, arriving) = sync_channel(waiting);
+            scope.spawn(move || read(source, &padding, &send_frame));
+            let (deliver, finished) = sync_channel::<ResultFrame>(waiting);
+            let writer = scope.spawn(move || -> Result<()> { finished.iter().try_for_each(&mut sink) });
+            let outcome = self.compute(&recording, from, arriving, deliver);
+            // What went wrong while writing is why nothing could be delivered any more.
+            let written =
+                writer.join().map_err(|_| Error::Usage("the thread that writes frames panicked".into()))?;
+            written?;
+            let mut report = outcome?;
+            report.wall = begun.elapsed();
+            Ok(report)
+        })
     }
 
-    /// Runs all tiles of one window.
-    fn window(&mut self, seen: &VecDeque<(i64, Vec<f32>)>, schedule: i64, result: &mut Video) -> Result<()> {
-        let Self { grid, executors, extent: [height, width], .. } = self;
-        for (row, col) in grid.tiles() {
-            let [tile_height, tile_width] = [row.outer_len, col.outer_len];
-            let mut measurement = Vec::with_capacity(seen.len() * tile_height * tile_width);
-            for (_, frame) in seen {
-                for y in row.outer_start..row.outer_start + tile_height {
-                    measurement.extend_from_slice(&frame[y * grid.width + col.outer_start..][..tile_width]);
-                }
+    /// Goes through the windows.
+    fn compute(
+        &mut self,
+        recording: &Recording,
+        from: usize,
+        arriving: Receiver<Result<Vec<f32>>>,
+        deliver: SyncSender<ResultFrame>,
+    ) -> Result<Report> {
+        self.pool.reset();
+        let Self { window, calibration, grid, pool, cells, skip, layout, extent, spread, stop, .. } = self;
+        let start = recording.info.schedule_start;
+        let mut footage = Footage::new(arriving, calibration, start);
+        let mut gate = Gate::new((cells, *skip, *window), *spread, (recording, calibration), from);
+        let mut skipped = gate.skipped();
+        let (mut count, mut gating) = (0u32, Duration::ZERO);
+        let keeps = skipped.is_some();
+        let mut line = Line::new(pool, (cells, grid, *window), *extent, start, keeps, deliver);
+        for k in gate.from().. {
+            let begin = k * window.hop as i64;
+            if stop.load(Ordering::Relaxed) || !footage.holds(begin.max(start))? {
+                break;
             }
-            let (_, executor) = executors
-                .iter_mut()
-                .find(|(size, _)| *size == [tile_height, tile_width])
-                .ok_or_else(|| Error::Usage("a tile without an executor".into()))?;
-            let mut tile = vec![0.0; result.frames * tile_height * tile_width];
-            executor.run(&measurement, schedule, &mut tile)?;
-            keep(&tile, (row, col), [*height, *width], result);
+            let times = windows::seen(*window, k);
+            let first = times.start - gate.before();
+            footage.forget_before(first)?;
+            let frames = (first..times.end).map(|t| footage.frame(t)).collect::<Result<Vec<_>>>()?;
+            let seen = Seen { first, frames: &frames };
+            let recorded = footage.recorded(begin..begin + window.hop as i64)?;
+            let begun = Instant::now();
+            let choice = gate.choose(k, &seen, &recorded);
+            let tiles = match &choice.active {
+                Some(active) if active.count() < active.cells.len() => {
+                    let cuboids = cover(active, &|cuboid| layout.cost(cuboid));
+                    cuboids.iter().flat_map(|cuboid| layout.tiles(cuboid)).collect()
+                }
+                _ => layout.whole(),
+            };
+            gating += begun.elapsed();
+            count += 1;
+            if let (Some(skipped), Some(active)) = (&mut skipped, &choice.active) {
+                skipped.add(active, layout.work(&tiles));
+            }
+            let wanted = recorded.start.max(start + from as i64)..recorded.end;
+            line.submit(tiles, &seen, Submitted { begin, wanted, choice })?;
         }
-        Ok(())
+        line.drain()?;
+        let Done { frames, window_times, inference, audit } = line.done;
+        if let Some(skipped) = &mut skipped {
+            skipped.work /= f64::from(count.max(1));
+            skipped.audit = audit;
+        }
+        Ok(Report {
+            frames,
+            windows: count as usize,
+            tiles: grid.tiles().count(),
+            window_times,
+            hop: window.hop,
+            executor: self.executor.clone(),
+            flop_per_frame: self.flop,
+            wall: Duration::ZERO,
+            inference,
+            gating,
+            skipping: skipped,
+        })
     }
 }
 
-/// Copies the part of a computed tile that is kept, and that lies within the frame, into the result.
-fn keep(tile: &[f32], (row, col): (Stretch, Stretch), [height, width]: [usize; 2], result: &mut Video) {
-    let columns = col.len.min(width.saturating_sub(col.start));
-    for t in 0..result.frames {
-        for y in row.start..(row.start + row.len).min(height) {
-            let from =
-                (t * row.outer_len + y - row.outer_start) * col.outer_len + col.start - col.outer_start;
-            result.frame_mut(t)[y * width + col.start..][..columns].copy_from_slice(&tile[from..][..columns]);
+/// Result frames of a window, and frames of a cell.
+///
+/// Nets whose window has their reach in time before and behind give the same frames for any number of result frames.
+/// Then a window is cut into slabs that repeat with the pattern, and some of them can be left out.
+fn hop_and_cell(graph: &Graph, calibration: &Calibration, options: Options) -> Result<(usize, usize)> {
+    let Window { frames, lead, hop } = graph.window;
+    let [reach, ..] = graph.reach()?;
+    let [granularity, ..] = graph.granularity()?;
+    let stretches = lead >= reach && frames - hop - lead >= reach;
+    let wanted = options.hop.unwrap_or(hop);
+    if !stretches {
+        if wanted != hop {
+            let problem = format!("its windows give {hop} frames, and cannot give {wanted}");
+            return Err(NetworkError::Graph(graph.name.clone(), problem).into());
         }
+        return Ok((hop, hop));
+    }
+    if options.skip == Skip::Off {
+        let hop = wanted.next_multiple_of(granularity).max(1);
+        return Ok((hop, hop));
+    }
+    let repeat = lcm(granularity, calibration.period);
+    let cell = repeat * CELL_FRAMES.div_ceil(repeat);
+    Ok((wanted.max(1).next_multiple_of(cell), cell))
+}
+
+/// Reads frames until there are no more, or nobody wants them.
+fn read(source: &mut dyn FrameSource, padding: &Padding<'_>, frames: &SyncSender<Result<Vec<f32>>>) {
+    loop {
+        let mut values = vec![0.0; padding.extent[0] * padding.extent[1]];
+        let frame = match source.next(&mut values) {
+            Ok(true) => Ok(padding.pad(values)),
+            Ok(false) => return,
+            Err(error) => Err(error),
+        };
+        let failed = frame.is_err();
+        if frames.send(frame).is_err() || failed {
+            return;
+        }
+    }
+}
+
+/// Extends frames to the grid's size by pixels at the same place of the pattern.
+struct Padding<'a> {
+    extent: [usize; 2],
+    calibration: &'a Calibration,
+    grid: &'a Grid,
+}
+
+impl Padding<'_> {
+    fn pad(&self, values: Vec<f32>) -> Vec<f32> {
+        windows::padded(values, self.calibration, self.extent, [self.grid.height, self.grid.width])
     }
 }

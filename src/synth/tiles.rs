@@ -1,5 +1,7 @@
 //! How a frame is cut into tiles that give the same result as the whole.
 
+use std::ops::Range;
+
 use crate::Result;
 use crate::network::{Graph, Model, NetworkError, Plan};
 use crate::sensor::Calibration;
@@ -49,7 +51,7 @@ impl Grid {
         [height, width]: [usize; 2],
         limits: Limits,
     ) -> Result<Self> {
-        let cut = Cut::new(&model.graph, calibration)?;
+        let cut = Cut::exact(&model.graph, calibration)?;
         let [height, width] = [height.next_multiple_of(cut.unit[0]), width.next_multiple_of(cut.unit[1])];
         let side = limits.side.unwrap_or(usize::MAX);
         let mut parts = [height.div_ceil(side.max(cut.unit[0])), width.div_ceil(side.max(cut.unit[1]))];
@@ -93,27 +95,50 @@ impl Grid {
 }
 
 /// Where a frame may be cut, and how much a tile must see beyond what it keeps.
-struct Cut {
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cut {
     /// Tiles begin at multiples of this: granularity of the net and tile of the pattern.
-    unit: [usize; 2],
+    pub unit: [usize; 2],
     /// Pixels that a result depends on to each side, a multiple of `unit`.
-    halo: [usize; 2],
+    pub halo: [usize; 2],
 }
 
 impl Cut {
-    fn new(graph: &Graph, calibration: &Calibration) -> Result<Self> {
+    /// With all that results depend on, so that they are those of the whole frame to the bit.
+    pub fn exact(graph: &Graph, calibration: &Calibration) -> Result<Self> {
         let [_, gy, gx] = graph.granularity()?;
         let unit = [crate::math::lcm(gy, calibration.rows), crate::math::lcm(gx, calibration.cols)];
         let [_, ry, rx] = graph.reach()?;
         Ok(Self { unit, halo: [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])] })
     }
 
-    /// Cuts `len` into `parts` of nearly equal length.
+    /// With what results depend on noticeably, which was measured (docs/skipping.md). Through layer after layer,
+    /// influence spreads like a random walk, with the root of their number, while the reach grows with the number.
+    #[must_use]
+    pub fn bounded(&self) -> Self {
+        let halo = |i: usize| {
+            let root = ((self.unit[i] * self.halo[i]) as f64).sqrt();
+            ((root / 2.0).ceil() as usize).next_multiple_of(self.unit[i]).min(self.halo[i])
+        };
+        Self { unit: self.unit, halo: [halo(0), halo(1)] }
+    }
+
+    /// The stretch that keeps pixels `kept` along `axis` of a frame of `len` pixels. What is computed is rounded up to
+    /// one of few lengths, since every length needs an executor of its own.
+    pub fn place(&self, axis: usize, kept: Range<usize>, len: usize) -> Stretch {
+        let halo = self.halo[axis];
+        let outer = kept.start.saturating_sub(halo)..(kept.end + halo).min(len);
+        let outer_len = round_up(outer.len(), self.unit[axis]).min(len);
+        let outer_start = outer.start.min(len - outer_len);
+        Stretch { start: kept.start, len: kept.len(), outer_start, outer_len }
+    }
+
+    /// Cuts `len` into `parts` of nearly equal length. All compute the same length, so that one executor does for all.
     fn stretches(&self, axis: usize, len: usize, parts: usize) -> Vec<Stretch> {
         let (unit, halo) = (self.unit[axis], self.halo[axis]);
         let units = len / unit;
         let cut = |part: usize| units * part / parts.max(1) * unit;
-        (0..parts.max(1))
+        let mut stretches: Vec<Stretch> = (0..parts.max(1))
             .map(|part| {
                 let (start, end) = (cut(part), cut(part + 1));
                 let outer_start = start.saturating_sub(halo);
@@ -121,6 +146,44 @@ impl Cut {
                 Stretch { start, len: end - start, outer_start, outer_len }
             })
             .filter(|stretch| stretch.len > 0)
-            .collect()
+            .collect();
+        let longest = stretches.iter().map(|stretch| stretch.outer_len).max().unwrap_or(0);
+        for stretch in &mut stretches {
+            stretch.outer_len = longest;
+            stretch.outer_start = stretch.outer_start.min(len - longest);
+        }
+        stretches
+    }
+}
+
+/// The next length, at most a quarter above `len`, that is a multiple of `unit` and one of about four an octave.
+fn round_up(len: usize, unit: usize) -> usize {
+    let step = (len.max(4).ilog2() - 2).min(usize::BITS - 2);
+    len.next_multiple_of(1 << step).next_multiple_of(unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_placed_stretch_sees_all_that_it_needs() {
+        let cut = Cut { unit: [2, 4], halo: [14, 28] };
+        for axis in [0, 1] {
+            let (unit, len) = (cut.unit[axis], 240);
+            for start in (0..len).step_by(8) {
+                for end in (start + 8..=len).step_by(8) {
+                    let Stretch { start, len: kept, outer_start, outer_len } =
+                        cut.place(axis, start..end, len);
+                    assert_eq!((start, kept), (start, end - start));
+                    assert!(outer_start.is_multiple_of(unit) && outer_len.is_multiple_of(unit));
+                    assert!(outer_start + outer_len <= len);
+                    assert!(outer_start == 0 || outer_start + cut.halo[axis] <= start);
+                    assert!(
+                        outer_start + outer_len == len || outer_start + outer_len >= end + cut.halo[axis]
+                    );
+                }
+            }
+        }
     }
 }

@@ -117,7 +117,32 @@ pub struct FolderWriter {
     pushed: usize,
     // Dropped in this order: the threads end before their folder goes.
     pool: Pool,
-    temporary: TempDir,
+    folder: Working,
+}
+
+/// Where pictures are collected.
+#[derive(Debug)]
+enum Working {
+    /// A hidden folder that goes if it is never completed.
+    Hidden(TempDir),
+    /// A folder that stays, so that another run can go on.
+    Partial(PathBuf),
+}
+
+impl Working {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Hidden(folder) => folder.path(),
+            Self::Partial(folder) => folder,
+        }
+    }
+
+    /// The folder has got its name: nothing is left to remove.
+    fn keep(self) {
+        if let Self::Hidden(folder) = self {
+            let _ = folder.keep();
+        }
+    }
 }
 
 impl FolderWriter {
@@ -130,7 +155,40 @@ impl FolderWriter {
         overwrite: bool,
         how: PlaneWriting,
     ) -> Result<Self> {
-        let path = path.as_ref();
+        let hidden = |destination: &Path| {
+            let parent = atomic::make_parent(destination)?;
+            let folder = atomic::hidden_folder().suffix(".part").tempdir_in(&parent).at(&parent)?;
+            Ok((Working::Hidden(folder), 0))
+        };
+        Self::begin_in(path.as_ref(), extents, overwrite, how, hidden)
+    }
+
+    /// As [`FolderWriter::begin`], but pictures are collected in the folder `partial`, which stays until it is
+    /// complete. The pictures that are there already are the first ones of the video; [`FolderWriter::pushed`] says
+    /// how many.
+    pub fn go_on(
+        path: impl AsRef<Path>,
+        extents: [usize; 3],
+        overwrite: bool,
+        how: PlaneWriting,
+        partial: &Path,
+    ) -> Result<Self> {
+        let there = |_: &Path| {
+            fs::create_dir_all(partial).at(partial)?;
+            check_replaceable(partial, true)?;
+            let pushed = (0..extents[0]).take_while(|&t| partial.join(frame_name(t)).is_file()).count();
+            Ok((Working::Partial(partial.to_owned()), pushed))
+        };
+        Self::begin_in(path.as_ref(), extents, overwrite, how, there)
+    }
+
+    fn begin_in(
+        path: &Path,
+        extents: [usize; 3],
+        overwrite: bool,
+        how: PlaneWriting,
+        working: impl FnOnce(&Path) -> Result<(Working, usize)>,
+    ) -> Result<Self> {
         let [t, y, x] = extents;
         if t == 0 {
             return Err(VideoError::Shape(format!("a video of {t}×{y}×{x} cannot be written"))).at(path);
@@ -139,10 +197,24 @@ impl FolderWriter {
         // The folder itself if `path` is a link to it or a name such as `.`.
         let destination = if path.exists() { fs::canonicalize(path).at(path)? } else { path.to_owned() };
         check_replaceable(&destination, overwrite)?;
-        let parent = atomic::make_parent(&destination)?;
-        let temporary = atomic::hidden_folder().suffix(".part").tempdir_in(&parent).at(&parent)?;
-        let pool = Pool::start(temporary.path(), x, how).at(path)?;
-        Ok(Self { destination, overwrite, extents, pushed: 0, pool, temporary })
+        let (folder, pushed) = working(&destination)?;
+        let pool = Pool::start(folder.path(), x, how).at(path)?;
+        Ok(Self { destination, overwrite, extents, pushed, pool, folder })
+    }
+
+    /// Frames that are there.
+    pub fn pushed(&self) -> usize {
+        self.pushed
+    }
+
+    /// Frame `t`, of those that were there when the writer began.
+    pub fn frame(&self, t: usize) -> Result<Vec<f32>> {
+        Ok(exr::read(self.folder.path().join(frame_name(t)))?.data)
+    }
+
+    /// Waits for all pictures, and leaves what there is.
+    pub fn suspend(mut self) -> Result<()> {
+        self.pool.join()
     }
 
     /// Appends one frame [y, x]. A failure to write an earlier frame may be reported here.
@@ -157,7 +229,7 @@ impl FolderWriter {
     pub fn finish(mut self) -> Result<()> {
         check_complete(self.pushed, self.extents[0]).at(&self.destination)?;
         self.pool.join()?;
-        replace(self.temporary, &self.destination, self.overwrite)
+        replace(self.folder, &self.destination, self.overwrite)
     }
 }
 
@@ -189,8 +261,14 @@ fn check_replaceable(destination: &Path, overwrite: bool) -> Result<Vec<PathBuf>
     Ok(files)
 }
 
-/// Puts the complete folder `temporary` in the place of `destination`.
-fn replace(temporary: TempDir, destination: &Path, overwrite: bool) -> Result<()> {
+/// Removes a folder that holds nothing but pictures with our names.
+pub(super) fn remove(folder: &Path) -> Result<()> {
+    check_replaceable(folder, true)?.iter().try_for_each(|file| fs::remove_file(file).at(file))?;
+    fs::remove_dir(folder).at(folder)
+}
+
+/// Puts the complete folder `complete` in the place of `destination`.
+fn replace(complete: Working, destination: &Path, overwrite: bool) -> Result<()> {
     // Anyone may have written there meanwhile.
     check_replaceable(destination, overwrite)?;
     let aside = if destination.exists() {
@@ -202,7 +280,7 @@ fn replace(temporary: TempDir, destination: &Path, overwrite: bool) -> Result<()
     } else {
         None
     };
-    if let Err(error) = fs::rename(temporary.path(), destination) {
+    if let Err(error) = fs::rename(complete.path(), destination) {
         if let Some((aside, old)) = aside {
             // Back to where it was; if even that fails, it must not be removed with its temporary folder.
             if fs::rename(&old, destination).is_err() {
@@ -211,14 +289,10 @@ fn replace(temporary: TempDir, destination: &Path, overwrite: bool) -> Result<()
         }
         return Err(error).at(destination);
     }
-    // The folder has its name now: nothing is left to remove.
-    let _ = temporary.keep();
+    complete.keep();
     if let Some((aside, old)) = aside {
         // Only what was checked above goes; a file that came in between stays, in the hidden folder.
-        let removed = check_replaceable(&old, true)
-            .and_then(|files| files.iter().try_for_each(|file| fs::remove_file(file).at(file)))
-            .and_then(|()| fs::remove_dir(&old).at(&old));
-        if removed.is_err() {
+        if remove(&old).is_err() {
             let kept = aside.keep();
             tracing::warn!("what was in {} before is kept in {}", destination.display(), kept.display());
         }

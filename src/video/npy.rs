@@ -4,8 +4,9 @@
 //! header claims before it has been held against the length of the file.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Write};
-use std::path::Path;
+use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use half::f16;
 
@@ -40,6 +41,26 @@ impl Counts {
     /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The values at places `range`.
+    #[must_use]
+    pub fn range(&self, range: Range<usize>) -> Self {
+        match self {
+            Self::U8(values) => Self::U8(values[range].to_vec()),
+            Self::U16(values) => Self::U16(values[range].to_vec()),
+        }
+    }
+
+    /// These values and `others` behind them, which must be of the same kind.
+    #[must_use]
+    pub fn followed_by(mut self, others: Self) -> Self {
+        match (&mut self, others) {
+            (Self::U8(values), Self::U8(others)) => values.extend(others),
+            (Self::U16(values), Self::U16(others)) => values.extend(others),
+            _ => unreachable!("counts of two kinds"),
+        }
+        self
     }
 
     /// An array of the same extents whose value `i` is this one's value `source(i)`.
@@ -90,22 +111,75 @@ pub fn write_video(path: impl AsRef<Path>, video: &Video, half: bool) -> Result<
 /// Reads the counts of a capture, u8 or u16, and their extents [t, y, x].
 pub fn read_counts(path: impl AsRef<Path>) -> Result<([usize; 3], Counts)> {
     let path = path.as_ref();
-    let read = || -> Result<([usize; 3], Counts)> {
-        let mut npy = Npy::open(path)?;
-        let [t, y, x] = npy.header.shape[..] else {
-            return Err(npy.header.wrong_rank("a capture has axes [t, y, x]").into());
-        };
-        let counts = match npy.header.kind {
-            Kind::U8 => Counts::U8(npy.values(|[value]: [u8; 1]| value)?),
-            Kind::U16 => Counts::U16(npy.values(u16::from_le_bytes)?),
-            Kind::F16 | Kind::F32 | Kind::F64 => {
+    let mut reader = CountsReader::open(path)?;
+    let counts = match reader.whole.take() {
+        Some(whole) => whole,
+        None => reader.npy.all_counts().at(path)?,
+    };
+    Ok((reader.extents, counts))
+}
+
+/// Reads the counts of a capture frame by frame.
+///
+/// An array in Fortran order has its frames spread over the whole file, so it alone is held in memory.
+#[derive(Debug)]
+pub struct CountsReader {
+    npy: Npy,
+    path: PathBuf,
+    extents: [usize; 3],
+    /// Where the numbers begin in the file.
+    begin: u64,
+    whole: Option<Counts>,
+}
+
+impl CountsReader {
+    /// Opens a file, u8 or u16, [t, y, x].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let open = || -> Result<Self> {
+            let mut npy = Npy::open(path)?;
+            let [t, y, x] = npy.header.shape[..] else {
+                return Err(npy.header.wrong_rank("a capture has axes [t, y, x]").into());
+            };
+            if matches!(npy.header.kind, Kind::F16 | Kind::F32 | Kind::F64) {
                 let problem = "holds floating-point numbers, as a video does; a capture is u8 or u16";
                 return Err(VideoError::Format(problem.into()).into());
             }
+            let begin = npy.content.stream_position()?;
+            let whole = if npy.header.fortran_order { Some(npy.all_counts()?) } else { None };
+            Ok(Self { npy, path: path.to_owned(), extents: [t, y, x], begin, whole })
         };
-        Ok(([t, y, x], counts))
-    };
-    read().at(path)
+        open().at(path)
+    }
+
+    /// Extents [t, y, x].
+    pub fn extents(&self) -> [usize; 3] {
+        self.extents
+    }
+
+    /// Whether the counts have 8 bits.
+    pub fn is_u8(&self) -> bool {
+        self.npy.header.kind == Kind::U8
+    }
+
+    /// The counts of frame `t`, which must be one of the file's.
+    pub fn frame(&mut self, t: usize) -> Result<Counts> {
+        let [_, y, x] = self.extents;
+        let len = y * x;
+        if let Some(whole) = &self.whole {
+            return Ok(whole.range(t * len..(t + 1) * len));
+        }
+        let at = self.begin + (t * len * self.npy.header.kind.bytes()) as u64;
+        let mut read = || -> Result<Counts> {
+            let here = self.npy.content.stream_position()?;
+            self.npy.content.seek_relative(at as i64 - here as i64)?;
+            Ok(match self.npy.header.kind {
+                Kind::U8 => Counts::U8(self.npy.next(len, |[value]: [u8; 1]| value)?),
+                _ => Counts::U16(self.npy.next(len, u16::from_le_bytes)?),
+            })
+        };
+        read().at(&self.path)
+    }
 }
 
 /// Writes counts of any extents: [t, y, x] for a capture, [n, t, y, x] for cubes of a data set.
@@ -152,26 +226,70 @@ fn check_count(len: usize, extents: &[usize]) -> Result<(), VideoError> {
 /// Writes a video frame by frame. The file appears when it is finished.
 #[derive(Debug)]
 pub struct NpyWriter {
-    file: AtomicFile,
-    path: std::path::PathBuf,
+    file: Working,
+    path: PathBuf,
     extents: [usize; 3],
     pushed: usize,
     half: bool,
     line: Vec<u8>,
 }
 
+/// Where frames are collected.
+#[derive(Debug)]
+enum Working {
+    /// A hidden file that goes if it is never completed.
+    Hidden(AtomicFile),
+    /// A file that stays, so that another run can go on. Its header counts the frames when writing ends.
+    Partial(BufWriter<File>, PathBuf),
+}
+
+impl Working {
+    fn write_all(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        match self {
+            Self::Hidden(file) => file.content.write_all(bytes),
+            Self::Partial(file, _) => file.write_all(bytes),
+        }
+    }
+}
+
 impl NpyWriter {
     /// Begins a file of extents [t, y, x], f16 if `half`, else f32.
     pub fn begin(path: impl AsRef<Path>, extents: [usize; 3], half: bool) -> Result<Self> {
         let path = path.as_ref();
-        if element_count(&extents).is_none_or(|n| n == 0) {
-            let [t, y, x] = extents;
-            return Err(VideoError::Shape(format!("a video of {t}×{y}×{x} cannot be written"))).at(path);
-        }
+        check_extents(extents).at(path)?;
         let mut file = AtomicFile::create(path)?;
-        let kind = if half { Kind::F16 } else { Kind::F32 };
-        file.content.write_all(&header(kind, &extents)).at(path)?;
-        Ok(Self { file, path: path.to_owned(), extents, pushed: 0, half, line: Vec::new() })
+        file.content.write_all(&header(kind_of(half), &extents)).at(path)?;
+        let (file, path) = (Working::Hidden(file), path.to_owned());
+        Ok(Self { file, path, extents, pushed: 0, half, line: Vec::new() })
+    }
+
+    /// As [`NpyWriter::begin`], but frames are collected in the file `partial`, which stays until it is complete.
+    /// Whole frames that are there already are the first ones of the video; [`NpyWriter::pushed`] says how many.
+    pub fn go_on(path: impl AsRef<Path>, extents: [usize; 3], half: bool, partial: &Path) -> Result<Self> {
+        let path = path.as_ref();
+        check_extents(extents).at(path)?;
+        let [_, y, x] = extents;
+        super::atomic::make_parent(partial)?;
+        let open = || -> Result<(BufWriter<File>, usize)> {
+            let mut file =
+                File::options().read(true).write(true).create(true).truncate(false).open(partial)?;
+            let header = header(kind_of(half), &extents);
+            let frame = (y * x * kind_of(half).bytes()) as u64;
+            let there = file.metadata()?.len().saturating_sub(header.len() as u64) / frame;
+            let there = there.min(extents[0] as u64);
+            file.set_len(header.len() as u64 + there * frame)?;
+            file.write_all(&header)?;
+            file.seek(SeekFrom::End(0))?;
+            Ok((BufWriter::with_capacity(1 << 20, file), there as usize))
+        };
+        let (file, pushed) = open().at(partial)?;
+        let (file, path) = (Working::Partial(file, partial.to_owned()), path.to_owned());
+        Ok(Self { file, path, extents, pushed, half, line: Vec::new() })
+    }
+
+    /// Frames that are there.
+    pub fn pushed(&self) -> usize {
+        self.pushed
     }
 
     /// Appends one frame [y, x].
@@ -185,7 +303,7 @@ impl NpyWriter {
             } else {
                 self.line.extend(row.iter().flat_map(|v| v.to_le_bytes()));
             }
-            self.file.content.write_all(&self.line).at(&self.path)?;
+            self.file.write_all(&self.line).at(&self.path)?;
         }
         self.pushed += 1;
         Ok(())
@@ -194,8 +312,48 @@ impl NpyWriter {
     /// Completes the file.
     pub fn finish(self) -> Result<()> {
         super::check_complete(self.pushed, self.extents[0]).at(&self.path)?;
-        self.file.finish()
+        match self.file {
+            Working::Hidden(file) => file.finish(),
+            Working::Partial(mut file, partial) => {
+                file.flush().at(&partial)?;
+                drop(file);
+                std::fs::rename(&partial, &self.path).at(&self.path)
+            }
+        }
     }
+
+    /// Leaves what there is as a file of its own: its header counts the frames that were written.
+    pub fn suspend(self) -> Result<()> {
+        let [frames, y, x] = self.extents;
+        let Working::Partial(mut file, partial) = self.file else { return Ok(()) };
+        let whole = header(kind_of(self.half), &[frames, y, x]);
+        // As long as the header of the whole, so that frames stay where they are.
+        let mut part = header(kind_of(self.half), &[self.pushed, y, x]);
+        if let Some(missing) = whole.len().checked_sub(part.len()) {
+            part.pop();
+            part.extend(vec![b' '; missing]);
+            part.push(b'\n');
+            part[8..10].copy_from_slice(&whole[8..10]);
+        }
+        let mut write = || -> std::io::Result<()> {
+            file.seek(SeekFrom::Start(0))?;
+            file.write_all(&part)?;
+            file.flush()
+        };
+        write().at(&partial)
+    }
+}
+
+fn check_extents(extents: [usize; 3]) -> Result<(), VideoError> {
+    if element_count(&extents).is_none_or(|n| n == 0) {
+        let [t, y, x] = extents;
+        return Err(VideoError::Shape(format!("a video of {t}×{y}×{x} cannot be written")));
+    }
+    Ok(())
+}
+
+fn kind_of(half: bool) -> Kind {
+    if half { Kind::F16 } else { Kind::F32 }
 }
 
 /// Kinds of numbers that are read.
@@ -342,6 +500,7 @@ impl<'a> Literal<'a> {
 }
 
 /// A file whose header has been read and whose length is right.
+#[derive(Debug)]
 struct Npy {
     header: Header,
     content: BufReader<File>,
@@ -374,9 +533,26 @@ impl Npy {
 
     /// All values in C order.
     fn values<const N: usize, T: Copy + Default>(&mut self, value: impl Fn([u8; N]) -> T) -> Result<Vec<T>> {
+        let values = self.next(self.header.shape.iter().product(), value)?;
+        Ok(if self.header.fortran_order { c_order(&values, &self.header.shape)? } else { values })
+    }
+
+    /// All counts in C order; the file must hold u8 or u16.
+    fn all_counts(&mut self) -> Result<Counts> {
+        Ok(match self.header.kind {
+            Kind::U8 => Counts::U8(self.values(|[value]: [u8; 1]| value)?),
+            _ => Counts::U16(self.values(u16::from_le_bytes)?),
+        })
+    }
+
+    /// The next `left` values in the file's order.
+    fn next<const N: usize, T: Copy + Default>(
+        &mut self,
+        mut left: usize,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<Vec<T>> {
         // One block of whole numbers at a time, so that the bytes are never all in memory beside the values.
-        let mut block = vec![[0_u8; N]; (1 << 18) / N];
-        let mut left: usize = self.header.shape.iter().product();
+        let mut block = vec![[0_u8; N]; left.min((1 << 18) / N)];
         let mut values = super::reserve(left)?;
         while left > 0 {
             let part = left.min(block.len());
@@ -384,7 +560,7 @@ impl Npy {
             values.extend(block[..part].iter().map(|&bytes| value(bytes)));
             left -= part;
         }
-        Ok(if self.header.fortran_order { c_order(&values, &self.header.shape)? } else { values })
+        Ok(values)
     }
 }
 

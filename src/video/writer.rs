@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::exr::{self, PlaneWriting};
-use super::folder::FolderWriter;
+use super::folder::{self, FolderWriter};
 use super::npy::NpyWriter;
 use super::{check_complete, check_frame, extension};
 use crate::{At, Error, Result};
@@ -72,6 +72,69 @@ impl VideoWriter {
         Ok(Self(kind))
     }
 
+    /// As [`VideoWriter::begin`], for a `.npy` cube or a folder, but what was written stays beside the video's name as
+    /// [`VideoWriter::partial`] until it is complete. What is there already from an earlier run is taken for the first
+    /// frames; [`VideoWriter::pushed`] says how many there are.
+    pub fn go_on(path: impl AsRef<Path>, extents: [usize; 3], how: Writing) -> Result<Self> {
+        let path = path.as_ref();
+        let partial = Self::partial(path);
+        match extension(path).as_str() {
+            "npy" => Ok(Self(Kind::Npy(NpyWriter::go_on(path, extents, how.half, &partial)?))),
+            "" => {
+                let writer = FolderWriter::go_on(path, extents, how.overwrite, how.plane(), &partial)?;
+                Ok(Self(Kind::Folder(writer)))
+            }
+            // One picture is written at once.
+            _ => Self::begin(path, extents, how),
+        }
+    }
+
+    /// Where [`VideoWriter::go_on`] collects frames: `video.partial.npy` for `video.npy`, `folder.partial` for `folder`.
+    pub fn partial(path: &Path) -> PathBuf {
+        match path.extension() {
+            Some(extension) => path.with_extension(format!("partial.{}", extension.to_string_lossy())),
+            None => path.with_extension("partial"),
+        }
+    }
+
+    /// Frames that are there.
+    pub fn pushed(&self) -> usize {
+        match &self.0 {
+            Kind::Npy(writer) => writer.pushed(),
+            Kind::Folder(writer) => writer.pushed(),
+            Kind::Picture { frame, .. } => usize::from(frame.is_some()),
+        }
+    }
+
+    /// Frame `t`, of those that were there in a folder when the writer began.
+    pub fn written(&self, t: usize) -> Result<Vec<f32>> {
+        match &self.0 {
+            Kind::Folder(writer) => writer.frame(t),
+            _ => Err(Error::Usage("only a folder's frames can be looked at".into())),
+        }
+    }
+
+    /// Removes what [`VideoWriter::go_on`] left for the video `path`.
+    pub fn discard_partial(path: &Path) -> Result<()> {
+        let partial = Self::partial(path);
+        if partial.is_dir() {
+            folder::remove(&partial)
+        } else if partial.exists() {
+            std::fs::remove_file(&partial).at(&partial)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Leaves what there is as a shorter video, which [`VideoWriter::go_on`] takes up.
+    pub fn suspend(self) -> Result<()> {
+        match self.0 {
+            Kind::Npy(writer) => writer.suspend(),
+            Kind::Folder(writer) => writer.suspend(),
+            Kind::Picture { .. } => Ok(()),
+        }
+    }
+
     /// Appends one frame [y, x]. Every value must be finite and ≥ 0.
     pub fn push(&mut self, frame: &[f32]) -> Result<()> {
         match &mut self.0 {
@@ -117,6 +180,40 @@ mod tests {
         assert!(error.to_string().contains("one frame"));
         let error = video::write(folder.path().join("a.mp4"), &two, Writing::default()).unwrap_err();
         assert!(error.to_string().contains(".npy"));
+    }
+
+    /// A video that was left is a video of the frames that were written, and goes on to the same bytes.
+    #[test]
+    fn an_interrupted_video_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let video = Video::new(12, 2, 3, (0..72).map(|i| i as f32 / 7.0).collect()).unwrap();
+        let how = Writing { half: false, ..Writing::default() };
+        for name in ["a.npy", "sequence"] {
+            let (path, whole) = (folder.path().join(name), folder.path().join(format!("whole-{name}")));
+            video::write(&whole, &video, how).unwrap();
+            for (from, to) in [(0, 3), (3, 11), (11, 11)] {
+                let mut writer = VideoWriter::go_on(&path, [12, 2, 3], how).unwrap();
+                assert_eq!(writer.pushed(), from, "{name}");
+                (from..to).for_each(|t| writer.push(video.frame(t)).unwrap());
+                writer.suspend().unwrap();
+                let partial = video::read(VideoWriter::partial(&path)).unwrap();
+                assert_eq!((partial.frames, &partial.data[..]), (to, &video.data[..to * 6]), "{name}");
+                assert!(!path.exists());
+            }
+            let mut writer = VideoWriter::go_on(&path, [12, 2, 3], how).unwrap();
+            writer.push(video.frame(11)).unwrap();
+            writer.finish().unwrap();
+            assert!(!VideoWriter::partial(&path).exists());
+            let files = |path: &Path| -> Vec<Vec<u8>> {
+                if path.is_file() {
+                    return vec![std::fs::read(path).unwrap()];
+                }
+                let mut files: Vec<_> = std::fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect();
+                files.sort();
+                files.iter().map(|file| std::fs::read(file).unwrap()).collect()
+            };
+            assert_eq!(files(&path), files(&whole), "{name}");
+        }
     }
 
     #[test]

@@ -37,7 +37,7 @@ struct Entry {
 }
 
 /// All scenes.
-const SCENES: [Entry; 9] = [
+const SCENES: [Entry; 10] = [
     Entry {
         name: "fan",
         shows: "a fan with letters on its blades at 400 rpm, a bare bulb, and a resolution chart in the dark",
@@ -81,7 +81,12 @@ const SCENES: [Entry; 9] = [
     Entry {
         name: "still",
         shows: "a desk with a lamp, books and a bottle, and a resolution chart in a dark corner, static",
-        make: |height, width, seed| Box::new(Still::new(height, width, seed)),
+        make: |height, width, seed| Box::new(Still::new(height, width, seed, 0.0)),
+    },
+    Entry {
+        name: "still-moving",
+        shows: "the still life, and a banded ball that swings to and fro in front of it at up to 0.5 px/frame",
+        make: |height, width, seed| Box::new(Still::new(height, width, seed, 0.5)),
     },
 ];
 

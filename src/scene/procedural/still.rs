@@ -24,11 +24,16 @@ const CHART: Vec2 = Vec2::new(0.71, 0.19);
 const CHART_HALF: f32 = 0.24;
 /// Left end of the books and their width.
 const BOOKS: f32 = 0.06;
+/// The ball of the moving scene: radius, middle of its way, and how far it swings to either side.
+const BALL: f32 = 0.2;
+const SWING: Vec2 = Vec2::new(-0.05, 0.2);
+const REACH: f32 = 0.6;
 /// Light that comes from everywhere: radiance of a white surface.
 const AMBIENT: f32 = 0.002;
 
 /// A desk: a lamp whose bulb shows under the shade, a bottle and an orange, books with titles on their spines,
-/// and in their shadow a dark corner with a resolution chart; on the wall a picture. Nothing moves.
+/// and in their shadow a dark corner with a resolution chart; on the wall a picture. Nothing moves, but for a banded ball, if
+/// there is one, that swings to and fro in front.
 ///
 /// Radiance: bulb 3 to 20, shade 0.5, wall in the light 0.15, desk 0.1, the corner 0.001 (white) to 0.0002.
 #[derive(Clone, Debug)]
@@ -44,6 +49,8 @@ pub struct Still {
     books: Vec<Book>,
     chart: Chart,
     page: Text,
+    /// Highest speed of the ball in units/frame; 0 if there is none.
+    speed: f32,
 }
 
 /// A book that stands upright, its spine to the viewer.
@@ -58,8 +65,9 @@ struct Book {
 }
 
 impl Still {
-    /// The scene for images of `height` × `width` pixels.
-    pub fn new(height: usize, width: usize, seed: u64) -> Self {
+    /// The scene for images of `height` × `width` pixels; with a `speed` above 0 px/frame, there is a ball.
+    pub fn new(height: usize, width: usize, seed: u64, speed: f32) -> Self {
+        let view = View::new(height, width);
         let mut left = BOOKS;
         let book = |(title, width, height, reflectance): (&str, f32, f32, f32)| {
             let book = Book { left, width, height, reflectance, title: Text::new(title, 0.5 * width, 0.17) };
@@ -67,7 +75,7 @@ impl Still {
             book
         };
         Self {
-            view: View::new(height, width),
+            view,
             texture: Noise::new(seed, 0),
             wood: Noise::new(seed, 1),
             lamp: Lamp { position: BULB, intensity: 0.09 },
@@ -94,6 +102,7 @@ impl Still {
             .collect(),
             chart: Chart::new(),
             page: Text::new("HDR", 0.13, 0.18),
+            speed: speed * view.pixel(),
         }
     }
 
@@ -286,6 +295,26 @@ impl Still {
         self.view.cover_with(q.length() - 0.10, peel, below)
     }
 
+    /// The ball at frame `t`, in front of everything.
+    fn ball(&self, t: f32, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
+        if self.speed == 0.0 {
+            return below();
+        }
+        let phase = self.speed / REACH * t;
+        let q = p - SWING - Vec2::new(REACH * phase.sin(), 0.0);
+        let skin = || {
+            let normal = sphere_normal(q, BALL);
+            let point = p.extend(0.5);
+            // It rolls as it swings.
+            let around = normal.x.atan2(normal.z) - REACH / BALL * phase.sin();
+            let band = 0.1 * ((3.0 * around).sin() + 0.4 * (5.0 * normal.y).sin());
+            let paint = if normal.y.abs() < 0.85 && band > 0.0 { 0.08 } else { 0.6 };
+            paint * (self.lamp.around(point, normal, 0.25) + 2.0 * AMBIENT)
+                + 0.2 * self.lamp.highlight(point, normal, 40.0)
+        };
+        self.view.cover_with(q.length() - BALL, skin, below)
+    }
+
     fn lamp(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
         let q = Vec2::new(p.x - BULB.x, p.y);
         let r = p.distance(BULB.truncate() + Vec2::new(0.0, 0.06));
@@ -326,13 +355,13 @@ impl Still {
 }
 
 impl Scene for Still {
-    fn instant(&self, _: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
+    fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         Box::new(move |position| {
             let p = self.view.place(position);
             // From the front to the back: what is hidden is not worked out.
             let back = || if p.y < DESK { self.wall(p) } else { self.desk(p) };
             let books = || self.books(p, || self.chart(p, back));
-            self.lamp(p, || self.orange(p, || self.bottle(p, books)))
+            self.ball(t, p, || self.lamp(p, || self.orange(p, || self.bottle(p, books))))
         })
     }
 }

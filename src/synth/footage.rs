@@ -1,0 +1,108 @@
+//! Frames as windows see them: only what is still needed of a recording, with stand-ins beyond its ends.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+
+use super::windows;
+use crate::Result;
+use crate::sensor::{Calibration, SensorError};
+
+/// A frame of pixel values, padded to the size of the grid.
+pub type Frame = Arc<Vec<f32>>;
+
+/// The part of a recording that is in memory.
+#[derive(Debug)]
+pub struct Footage<'a> {
+    arriving: Receiver<Result<Vec<f32>>>,
+    calibration: &'a Calibration,
+    /// Schedule time of the recording's first frame.
+    start: i64,
+    /// Frames from number `first` on.
+    known: VecDeque<Frame>,
+    first: usize,
+    ended: bool,
+}
+
+impl<'a> Footage<'a> {
+    /// The recording that arrives, from schedule time `start` on.
+    pub fn new(arriving: Receiver<Result<Vec<f32>>>, calibration: &'a Calibration, start: i64) -> Self {
+        Self { arriving, calibration, start, known: VecDeque::new(), first: 0, ended: false }
+    }
+
+    /// Frames that have arrived so far.
+    fn arrived(&self) -> usize {
+        self.first + self.known.len()
+    }
+
+    /// Waits until `frames` frames have arrived or the recording has ended.
+    fn wait(&mut self, frames: usize) -> Result<()> {
+        while self.arrived() < frames && !self.ended {
+            match self.arriving.recv() {
+                Ok(frame) => self.known.push_back(Arc::new(frame?)),
+                Err(_) => self.ended = true,
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether schedule time `t` lies within the recording. Waits until that is known.
+    pub fn holds(&mut self, t: i64) -> Result<bool> {
+        if t < self.start {
+            return Ok(false);
+        }
+        self.wait((t - self.start) as usize + 1)?;
+        Ok(t < self.start + self.arrived() as i64)
+    }
+
+    /// The part of schedule times `times` that lies within the recording.
+    pub fn recorded(&mut self, times: Range<i64>) -> Result<Range<i64>> {
+        self.holds(times.end - 1)?;
+        Ok(times.start.max(self.start)..times.end.min(self.start + self.arrived() as i64))
+    }
+
+    /// The frame that windows see at schedule time `t`: the one that was recorded then, or its stand-in.
+    pub fn frame(&mut self, t: i64) -> Result<Frame> {
+        let number = if self.holds(t)? {
+            (t - self.start) as usize
+        } else {
+            // Before the first frame, only frames of the first period stand in.
+            self.wait(self.calibration.period)?;
+            if self.arrived() == 0 {
+                return Err(SensorError::Capture("the recording has no frames".into()).into());
+            }
+            windows::stand_in(self.calibration, self.start, self.arrived(), t)
+        };
+        Ok(Arc::clone(&self.known[number - self.first]))
+    }
+
+    /// Forgets frames before schedule time `t`, but for those of the last period, which stand in behind the end.
+    /// Frames that have not arrived yet are waited for.
+    pub fn forget_before(&mut self, t: i64) -> Result<()> {
+        while self.start + (self.first as i64) < t {
+            self.wait(self.first + self.calibration.period + 1)?;
+            if self.known.len() <= self.calibration.period {
+                break;
+            }
+            self.known.pop_front();
+            self.first += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Consecutive frames.
+pub struct Seen<'a> {
+    /// Schedule time of `frames[0]`.
+    pub first: i64,
+    /// The frames.
+    pub frames: &'a [Frame],
+}
+
+impl Seen<'_> {
+    /// The frame at schedule time `t`.
+    pub fn at(&self, t: i64) -> &Frame {
+        &self.frames[(t - self.first) as usize]
+    }
+}

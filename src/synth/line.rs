@@ -1,0 +1,251 @@
+//! The assembly line: tiles are submitted, collected and put together in order, and finished frames delivered.
+//!
+//! An executor that works elsewhere computes one tile while the next one is made ready, of the next window too.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::time::{Duration, Instant};
+
+use super::cover::Active;
+use super::footage::Seen;
+use super::gate::{Cells, Choice};
+use super::layout::Tile;
+use super::pool::Pool;
+use super::report::Audit;
+use super::tiles::Grid;
+use crate::math::tone;
+use crate::network::Window;
+use crate::video::Video;
+use crate::{Error, Result};
+
+/// A result frame.
+#[derive(Clone, Debug)]
+pub struct ResultFrame {
+    /// Its number in the recording.
+    pub number: usize,
+    /// Irradiance p [rows, columns].
+    pub values: Vec<f32>,
+    /// Where something may be skipped, which cells of its window were computed, and its slab there.
+    pub computed: Option<(Arc<Active>, usize)>,
+}
+
+/// A window whose tiles are submitted.
+#[derive(Debug)]
+pub struct Submitted {
+    /// Schedule time of its first result frame.
+    pub begin: i64,
+    /// Schedule times of the frames that are to be delivered.
+    pub wanted: Range<i64>,
+    /// What of it is computed.
+    pub choice: Choice,
+}
+
+/// What the line has done so far.
+#[derive(Clone, Debug, Default)]
+pub struct Done {
+    /// Frames delivered.
+    pub frames: usize,
+    /// Time from one finished window to the next.
+    pub window_times: Vec<Duration>,
+    /// Time in which executors computed or were waited for.
+    pub inference: Duration,
+    /// Kept results against those that were computed anew.
+    pub audit: Audit,
+}
+
+/// The windows that are on their way.
+pub struct Line<'a> {
+    /// What was done.
+    pub done: Done,
+    pool: &'a mut Pool,
+    cells: &'a Cells,
+    grid: &'a Grid,
+    window: Window,
+    extent: [usize; 2],
+    /// Schedule time of the recording's first frame.
+    start: i64,
+    /// What comes next.
+    queue: VecDeque<Event>,
+    /// Results of the windows in the queue, in order.
+    results: VecDeque<Video>,
+    /// The last result of every cell at each phase of the pattern, where something may be skipped.
+    kept: Option<Video>,
+    measurement: Vec<f32>,
+    tile: Vec<f32>,
+    /// Windows that an executor can hold.
+    ahead: usize,
+    deliver: SyncSender<ResultFrame>,
+    finished: Instant,
+}
+
+enum Event {
+    /// A tile of the front window has to be collected.
+    Tile(Tile),
+    /// All of the front window's tiles are there.
+    Window(Submitted),
+}
+
+impl<'a> Line<'a> {
+    /// An empty line. `keeps` says whether some cells may keep their last results.
+    pub fn new(
+        pool: &'a mut Pool,
+        (cells, grid, window): (&'a Cells, &'a Grid, Window),
+        extent: [usize; 2],
+        start: i64,
+        keeps: bool,
+        deliver: SyncSender<ResultFrame>,
+    ) -> Self {
+        Self {
+            done: Done::default(),
+            pool,
+            cells,
+            grid,
+            window,
+            extent,
+            start,
+            queue: VecDeque::new(),
+            results: VecDeque::new(),
+            kept: keeps.then(|| Video::black(cells.repeat, extent[0], extent[1])),
+            measurement: Vec::new(),
+            tile: Vec::new(),
+            ahead: 1,
+            deliver,
+            finished: Instant::now(),
+        }
+    }
+
+    /// Starts to compute `tiles` of a window.
+    pub fn submit(&mut self, tiles: Vec<Tile>, seen: &Seen<'_>, window: Submitted) -> Result<()> {
+        self.results.push_back(Video::black(self.window.hop, self.extent[0], self.extent[1]));
+        for tile in tiles {
+            let size = tile.size();
+            while !self.pool.is_free(size) {
+                self.advance()?;
+            }
+            let schedule = window.begin + tile.frames.start as i64 - self.window.lead as i64;
+            let frames = self.window.frames - self.window.hop + tile.frames.len();
+            self.measurement.clear();
+            for t in schedule..schedule + frames as i64 {
+                let frame = seen.at(t);
+                for y in tile.row.outer_start..tile.row.outer_start + tile.row.outer_len {
+                    let row = &frame[y * self.grid.width + tile.col.outer_start..][..tile.col.outer_len];
+                    self.measurement.extend_from_slice(row);
+                }
+            }
+            let begun = Instant::now();
+            self.ahead = self.pool.submit(size, &self.measurement, schedule)?;
+            self.done.inference += begun.elapsed();
+            self.queue.push_back(Event::Tile(tile));
+        }
+        self.queue.push_back(Event::Window(window));
+        // Where results are there when `submit` returns, nothing is gained by waiting with them.
+        while self.results.len() >= self.ahead {
+            self.advance()?;
+        }
+        Ok(())
+    }
+
+    /// Finishes all windows.
+    pub fn drain(&mut self) -> Result<()> {
+        while !self.queue.is_empty() {
+            self.advance()?;
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self) -> Result<()> {
+        match self.queue.pop_front() {
+            Some(Event::Tile(tile)) => self.collect(&tile),
+            Some(Event::Window(window)) => {
+                let Some(mut result) = self.results.pop_front() else { return Ok(()) };
+                self.merge(&window, &mut result);
+                self.deliver(window, &result)?;
+                self.done.window_times.push(self.finished.elapsed());
+                self.finished = Instant::now();
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Copies the part of a computed tile that is kept, and that lies within the frame, into the window's result.
+    fn collect(&mut self, tile: &Tile) -> Result<()> {
+        let Tile { frames, row, col } = tile;
+        self.tile.resize(tile.size().iter().product(), 0.0);
+        let begun = Instant::now();
+        self.pool.collect(tile.size(), &mut self.tile)?;
+        self.done.inference += begun.elapsed();
+        let Some(result) = self.results.front_mut() else { return Ok(()) };
+        let [height, width] = self.extent;
+        let columns = col.len.min(width.saturating_sub(col.start));
+        for (t, frame) in frames.clone().enumerate() {
+            for y in row.start..(row.start + row.len).min(height) {
+                let from =
+                    (t * row.outer_len + y - row.outer_start) * col.outer_len + col.start - col.outer_start;
+                result.frame_mut(frame)[y * width + col.start..][..columns]
+                    .copy_from_slice(&self.tile[from..][..columns]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills cells that were not computed with their last results, and keeps the others'.
+    fn merge(&mut self, window: &Submitted, result: &mut Video) {
+        let (Some(kept), Some(active)) = (&mut self.kept, &window.choice.active) else { return };
+        let [cell_frames, cell_rows, cell_cols] = self.cells.size;
+        let [height, width] = self.extent;
+        let phase = |t: usize| (window.begin + t as i64).rem_euclid(self.cells.repeat as i64) as usize;
+        if let Some(audited) = &window.choice.audit {
+            let audit = &mut self.done.audit;
+            for (cell, _) in audited.iter().enumerate().filter(|(_, audited)| **audited) {
+                let (r, c) = (cell / self.cells.cols(), cell % self.cells.cols());
+                let (mut sum, mut n) = (0.0, 0usize);
+                for t in 0..cell_frames {
+                    for y in r * cell_rows..((r + 1) * cell_rows).min(height) {
+                        for x in c * cell_cols..((c + 1) * cell_cols).min(width) {
+                            let l = |video: &Video, t: usize| tone(f64::from(video.frame(t)[y * width + x]));
+                            sum += l(kept, phase(t)) - l(result, t);
+                            n += 1;
+                        }
+                    }
+                }
+                if n > 0 {
+                    audit.add(sum / n as f64);
+                }
+            }
+        }
+        for t in 0..self.window.hop {
+            let active = active.slab(t / cell_frames);
+            let (result, kept) = (result.frame_mut(t), kept.frame_mut(phase(t)));
+            for y in 0..height {
+                let active = &active[y / cell_rows * self.cells.cols()..];
+                let row = y * width..(y + 1) * width;
+                let pairs = result[row.clone()].chunks_mut(cell_cols).zip(kept[row].chunks_mut(cell_cols));
+                for ((result, kept), active) in pairs.zip(active) {
+                    if *active {
+                        kept.copy_from_slice(result);
+                    } else {
+                        result.copy_from_slice(kept);
+                    }
+                }
+            }
+        }
+    }
+
+    fn deliver(&mut self, window: Submitted, result: &Video) -> Result<()> {
+        let active = window.choice.active.map(Arc::new);
+        for t in window.wanted {
+            let in_window = (t - window.begin) as usize;
+            let frame = ResultFrame {
+                number: (t - self.start) as usize,
+                values: result.frame(in_window).to_vec(),
+                computed: active.clone().map(|active| (active, in_window / self.cells.size[0])),
+            };
+            self.deliver.send(frame).map_err(|_| Error::Usage("nobody takes the result".into()))?;
+            self.done.frames += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,106 @@
+//! Executors by the size of window that they are for.
+
+use std::collections::HashMap;
+
+use super::Backend;
+use crate::Result;
+use crate::network::{Executor, Model, Plan, Window};
+use crate::sensor::Calibration;
+
+/// Result frames, rows and columns of a window.
+pub type Size = [usize; 3];
+
+/// Executors of one model, made when they are first asked for. Those that were not used for longest go when all
+/// together take too much memory.
+pub struct Pool {
+    backend: Backend,
+    model: Model,
+    calibration: Calibration,
+    entries: HashMap<Size, Entry>,
+    /// Counts uses.
+    clock: u64,
+    budget: u64,
+}
+
+struct Entry {
+    executor: Box<dyn Executor>,
+    /// Windows that were submitted and not yet collected.
+    waiting: usize,
+    bytes: u64,
+    used: u64,
+}
+
+/// The model with windows of another number of result frames.
+pub fn with_hop(model: &Model, hop: usize) -> Model {
+    let mut model = model.clone();
+    let Window { frames, hop: before, .. } = model.graph.window;
+    model.graph.window.frames = frames - before + hop;
+    model.graph.window.hop = hop;
+    model
+}
+
+impl Pool {
+    /// No executors yet.
+    pub fn new(backend: &Backend, model: &Model, calibration: &Calibration) -> Self {
+        Self {
+            backend: backend.clone(),
+            model: model.clone(),
+            calibration: calibration.clone(),
+            entries: HashMap::new(),
+            clock: 0,
+            budget: backend.limits(None).total,
+        }
+    }
+
+    /// The executor for windows of `size`, made if there is none.
+    fn prepare(&mut self, size: Size) -> Result<&mut Entry> {
+        self.clock += 1;
+        if !self.entries.contains_key(&size) {
+            let [hop, height, width] = size;
+            let plan = Plan::lower(&with_hop(&self.model, hop), height, width)?;
+            let bytes = plan.slot_bytes(size_of::<f32>()) as u64;
+            while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.budget {
+                let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
+                let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
+                self.entries.remove(&oldest);
+            }
+            let executor = self.backend.executor(plan, &self.calibration)?;
+            self.entries.insert(size, Entry { executor, waiting: 0, bytes, used: 0 });
+        }
+        let entry = self.entries.get_mut(&size).expect("it was inserted above");
+        entry.used = self.clock;
+        Ok(entry)
+    }
+
+    /// What the executor for windows of `size` is, in words; it is made if there is none.
+    pub fn describe(&mut self, size: Size) -> Result<String> {
+        Ok(self.prepare(size)?.executor.describe())
+    }
+
+    /// Whether a window of `size`, which was prepared for, can be submitted before one is collected.
+    pub fn is_free(&self, size: Size) -> bool {
+        self.entries.get(&size).is_none_or(|entry| entry.waiting < entry.executor.in_flight())
+    }
+
+    /// Starts to compute a window of `size`; see [`Executor::submit`]. Returns [`Executor::in_flight`].
+    pub fn submit(&mut self, size: Size, measurement: &[f32], schedule: i64) -> Result<usize> {
+        let entry = self.prepare(size)?;
+        entry.executor.submit(measurement, schedule)?;
+        entry.waiting += 1;
+        Ok(entry.executor.in_flight())
+    }
+
+    /// The result of the window of `size` that was submitted first.
+    pub fn collect(&mut self, size: Size, result: &mut [f32]) -> Result<()> {
+        if let Some(entry) = self.entries.get_mut(&size) {
+            entry.executor.collect(result)?;
+            entry.waiting -= 1;
+        }
+        Ok(())
+    }
+
+    /// Forgets all windows that were not collected, with their executors.
+    pub fn reset(&mut self) {
+        self.entries.retain(|_, entry| entry.waiting == 0);
+    }
+}
