@@ -1,14 +1,15 @@
 //! Speed of the GPU executor: convolutions by themselves, then presets.
 //!
-//! `cargo bench --bench gpu -- [PRESET …] [--size HEIGHTxWIDTH] [--adapter SUBSTRING] [--block PIXELSxVECTORS]`, by
-//! default no presets, 128×128 pixels, a real GPU if there is one, and blocks as the executor chooses them. Each time
+//! `cargo bench --bench gpu -- [PRESET …] [--size HEIGHTxWIDTH] [--adapter SUBSTRING] [--precision f16]
+//! [--variant PIXELSxVECTORSxLANES[wide]]`, by
+//! default no presets, 128×128 pixels, a real GPU if there is one, f32, and variants as the executor chooses them. Each time
 //! is the shortest of several windows with upload and download. On Linux, the operations per second of processor time
 //! are shown too: of software Vulkan they say more than wall time where other programs run.
 
 use std::time::{Duration, Instant};
 
-use pix2hdr::gpu::{AdapterChoice, Gpu, GpuExecutor, Overrides};
-use pix2hdr::network::{Executor, Graph, Model, Plan, Shape, presets};
+use pix2hdr::gpu::{AdapterChoice, Gpu, GpuExecutor, Options, Variant};
+use pix2hdr::network::{Executor, Graph, Model, Plan, Precision, Shape, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 
 /// How long to repeat windows of one plan.
@@ -21,35 +22,42 @@ const CONVOLUTIONS: [([usize; 3], usize, [usize; 3]); 3] =
 fn main() {
     // Cargo adds `--bench`.
     let mut arguments = std::env::args().skip(1).filter(|argument| argument != "--bench");
-    let (mut names, mut size, mut adapter, mut block) = (Vec::new(), [128, 128], None, None);
+    let (mut names, mut size, mut adapter, mut options) = (Vec::new(), [128, 128], None, Options::default());
     while let Some(argument) = arguments.next() {
         let mut value = || arguments.next().unwrap_or_else(|| panic!("{argument} wants a value"));
         match argument.as_str() {
-            "--size" => size = pair(&value()),
-            "--block" => block = Some(pair(&value())),
+            "--size" => size = numbers(&value()),
+            "--precision" if value() == "f16" => options.precision = Precision::F16,
+            "--variant" => options.variant = Some(variant(&value())),
             "--adapter" => adapter = Some(value()),
             _ => names.push(argument),
         }
     }
     let gpu = Gpu::open(&AdapterChoice { substring: adapter, allow_software: true }).expect("an adapter");
     println!("{}", gpu.adapter());
-    let overrides = Overrides { block, edit: None };
     for ([t, y, x], channels, kernel) in CONVOLUTIONS {
         let plan = convolution([t, y, x], channels, kernel);
-        measure(&gpu, &format!("conv3d {channels} channels {kernel:?} {t}×{y}×{x}"), plan, &overrides);
+        measure(&gpu, &format!("conv3d {channels} channels {kernel:?} {t}×{y}×{x}"), plan, &options);
     }
     for name in names {
         let graph = presets::by_name(&name).and_then(|preset| preset.graph()).expect("a preset");
         let model = Model::random(graph, 1).expect("a valid graph");
         let plan = Plan::lower(&model, size[0], size[1]).expect("a size that the preset accepts");
-        measure(&gpu, &format!("{name} {}×{}", size[0], size[1]), plan, &overrides);
+        measure(&gpu, &format!("{name} {}×{}", size[0], size[1]), plan, &options);
     }
 }
 
-/// Two numbers with an x between them.
-fn pair(text: &str) -> [usize; 2] {
-    let (a, b) = text.split_once('x').expect("two numbers such as 128x128");
-    [a.parse().expect("a number"), b.parse().expect("a number")]
+/// Numbers with an x between them.
+fn numbers<const N: usize>(text: &str) -> [usize; N] {
+    let parts: Vec<usize> = text.split('x').map(|part| part.parse().expect("a number")).collect();
+    parts.try_into().expect("as many numbers as wanted")
+}
+
+/// A variant such as 4x8x8wide.
+fn variant(text: &str) -> Variant {
+    let (text, wide) = text.strip_suffix("wide").map_or((text, false), |text| (text, true));
+    let [pixels, vectors, lanes] = numbers(text);
+    Variant { pixels, vectors, lanes, wide }
 }
 
 /// A plan of one convolution, with a result of one value.
@@ -73,7 +81,7 @@ fn convolution([t, y, x]: [usize; 3], channels: usize, kernel: [usize; 3]) -> Pl
     plan
 }
 
-fn measure(gpu: &Gpu, what: &str, plan: Plan, overrides: &Overrides<'_>) {
+fn measure(gpu: &Gpu, what: &str, plan: Plan, options: &Options<'_>) {
     let pattern = Pattern::built_in("mpve-1-4").expect("a built-in pattern");
     let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).expect("a response");
     let calibration = Calibration::new(&pattern, &response);
@@ -81,8 +89,7 @@ fn measure(gpu: &Gpu, what: &str, plan: Plan, overrides: &Overrides<'_>) {
     let measurement = vec![0.5; plan.measurement.shape.len()];
     let mut result = vec![0.0; plan.result.shape.len()];
     let begun = Instant::now();
-    let mut executor =
-        GpuExecutor::with_overrides(gpu, plan, &calibration, overrides).expect("a plan that fits");
+    let mut executor = GpuExecutor::with_options(gpu, plan, &calibration, options).expect("a plan that fits");
     executor.run(&measurement, 0, &mut result).expect("a run");
     let first = begun.elapsed();
     let (mut shortest, mut windows) = (Duration::MAX, 0);

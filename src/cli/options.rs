@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use pix2hdr::network::Model;
+use pix2hdr::network::{self, Model};
 use pix2hdr::sensor::{Calibration, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
 use pix2hdr::synth::{Backend, Request, Synthesizer};
 use pix2hdr::{Error, Result};
@@ -51,6 +51,8 @@ pub enum Precision {
     /// 32 bits
     #[default]
     F32,
+    /// 16 bits for feature channels and weights, on a GPU only; sums, logarithms and the result stay f32
+    F16,
 }
 
 /// What may be left out.
@@ -74,7 +76,11 @@ impl Engine {
             Executor::Gpu => Request::Gpu,
             Executor::Cpu => Request::Cpu,
         };
-        Backend::choose(request, self.adapter.as_deref())
+        let precision = match self.precision {
+            Precision::F32 => network::Precision::F32,
+            Precision::F16 => network::Precision::F16,
+        };
+        Backend::choose(request, self.adapter.as_deref(), precision)
     }
 
     /// A synthesizer for frames of `extent` [rows, columns].
@@ -94,7 +100,7 @@ impl Engine {
             "weights": self.weights,
             "executor": backend.name(),
             "adapter": backend.adapter(),
-            "precision": "f32",
+            "precision": backend.precision().name(),
             "skip": "off",
         }) else {
             unreachable!("an object was written")

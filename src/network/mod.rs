@@ -11,7 +11,7 @@ mod plan;
 pub mod presets;
 mod tensor;
 
-pub use executor::Executor;
+pub use executor::{Executor, Precision};
 pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Window};
 pub use model::{Layer, Model, Trained};
 pub use plan::{ConvolutionStep, Kernel, Plan, Step, View};

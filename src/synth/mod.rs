@@ -8,5 +8,5 @@ mod synthesizer;
 pub mod tiles;
 pub mod windows;
 
-pub use backend::{Backend, Precision, Request};
+pub use backend::{Backend, Request};
 pub use synthesizer::{Report, Synthesizer, check_fits};
