@@ -435,7 +435,9 @@ impl Builder<'_> {
         })?;
         if expected.is_some() {
             let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-            [input, output].iter().for_each(|&slot| encoder.clear_buffer(&self.slots[slot], 0, None));
+            for slot in [input, output] {
+                encoder.clear_buffer(&self.slots[slot], 0, None);
+            }
             gpu.queue.submit([encoder.finish()]);
         }
         Ok(variant)

@@ -259,7 +259,9 @@ fn expand(text: &str, variant: Variant) -> String {
             ("#end", _) => {
                 let lines = each.take().unwrap_or_default();
                 for j in 0..variant.vectors {
-                    lines.iter().for_each(|line| repeat(line, variant, j..j + 1, &mut expanded));
+                    for line in &lines {
+                        repeat(line, variant, j..j + 1, &mut expanded);
+                    }
                 }
             }
             (_, Some(lines)) => lines.push(line),
