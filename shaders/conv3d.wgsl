@@ -2,17 +2,17 @@
 //
 //     out[t, y, x, o] = epilogue(Σ weight[o, i, tap] · in[(t, y, x) · stride + tap − padding, i])
 //
-// One invocation computes a block: PIXELS neighbours along x, and VECTORS times four output channels. A line with
-// $p stands for one line for each of the pixels, one with $j for one line for each of the vectors. Neighbouring
-// invocations compute neighbouring channels: what they read of the weights and what they write is contiguous, and
-// what they read of the input is the same.
+// A team of LANES invocations computes LANES · PIXELS pixels of a frame, and VECTORS times four output channels of
+// them. Lines with $p, $j, $i or $w are repeated for the parts of this block (see products.wgsl); what invocations of a
+// team share, and how neighbours lie, is explained in common/team.wgsl.
 
-@group(0) @binding(0) var<storage, read> input: array<vec4<f32>>;
-@group(0) @binding(1) var<storage, read> added: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read_write> output: array<vec4<f32>>;
-// Weights [tap][in channel][out channel] and terms [bias, scale, shift][out channel], zero for padding channels.
-@group(0) @binding(3) var<storage, read> weights: array<vec4<f32>>;
+@group(0) @binding(0) var<storage, read> input: array<INPUT_VECTOR>;
+@group(0) @binding(1) var<storage, read> added: array<ADDED_VECTOR>;
+@group(0) @binding(2) var<storage, read_write> output: array<OUTPUT_VECTOR>;
+// Weights (see common/products.wgsl) and terms [bias, scale, shift][out channel], zero for padding channels.
+@group(0) @binding(3) var<storage, read> weights: array<WEIGHTS_VECTOR>;
 @group(0) @binding(4) var<storage, read> terms: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> overflow: atomic<u32>;
 
 #paste dispatch
 #paste epilogue
@@ -26,12 +26,12 @@ fn conv3d(
     if (invocation >= INVOCATIONS) {
         return;
     }
-    // Vectors `group`, `group` + GROUPS, … of the output, from pixel (t, y, x) on.
-    let group = invocation % GROUPS;
-    let block = invocation / GROUPS;
-    let x = block % BLOCKS_X * PIXELS;
-    let y = block / BLOCKS_X % OUTPUT_Y;
-    let t = block / (BLOCKS_X * OUTPUT_Y);
+    #paste team
+    let t = block / BLOCKS;
+    let first = block % BLOCKS * (PIXELS * LANES) + lane;
+    let pixel_$p = first + $p * LANES;
+    let y_$p = pixel_$p / OUTPUT_X * STRIDE_Y - PADDING_Y;
+    let x_$p = pixel_$p % OUTPUT_X * STRIDE_X - PADDING_X;
 
     var sum_$p_$j = vec4<f32>();
     for (var tap_t = 0; tap_t < KERNEL_T; tap_t++) {
@@ -40,17 +40,9 @@ fn conv3d(
             continue;
         }
         for (var tap_y = 0; tap_y < KERNEL_Y; tap_y++) {
-            let in_y = y * STRIDE_Y + tap_y - PADDING_Y;
-            if (in_y < 0 || in_y >= INPUT_Y) {
-                continue;
-            }
-            let row = INPUT_OFFSET + (in_t * INPUT_Y + in_y) * INPUT_X * INPUT_STRIDE;
-            for (var tap_x = 0; tap_x < KERNEL_X; tap_x += TAPS) {
-                // Pixels of the padding are read from zeros behind the slot.
-                let in_x_$q = x * STRIDE_X + $q * COLUMN_STEP + tap_x - PADDING_X;
-                let inside_$q = in_x_$q >= 0 && in_x_$q < INPUT_X;
-                let pixel_$q = select(INPUT_ZEROS, row + in_x_$q * INPUT_STRIDE, inside_$q);
-                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group;
+            for (var tap_x = 0; tap_x < KERNEL_X; tap_x++) {
+                let at_$p = input_at(in_t, y_$p + tap_y, x_$p + tap_x);
+                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group * LANES + lane;
                 for (var vector = 0; vector < INPUT_VECTORS; vector++) {
                     #paste products
                 }
@@ -58,6 +50,7 @@ fn conv3d(
         }
     }
 
-    let first = (t * OUTPUT_Y + y) * OUTPUT_X + x;
-    store(sum_$p_$j, group + $j * GROUPS, first + $p, x + $p < OUTPUT_X);
+    var largest = 0.0;
+    store(sum_$p_$j, group + $j * GROUPS, t * FRAME + pixel_$p, pixel_$p < FRAME, &largest);
+    report(largest);
 }

@@ -5,15 +5,16 @@
 // over the taps for which the division is exact and inside of the input. Outputs q · stride + phase, for one phase
 // along t, y and x, all use the same taps, so that they are a convolution of their own.
 //
-// One invocation computes a block: PIXELS inputs q along x, and VECTORS times four output channels, for one phase.
-// Lines with $p and $j, and the order of invocations, are as in conv3d.wgsl.
+// A team of LANES invocations computes the outputs of LANES · PIXELS inputs q of a frame, for one phase, and VECTORS
+// times four output channels of them. Teams and repeated lines are as in conv3d.wgsl.
 
-@group(0) @binding(0) var<storage, read> input: array<vec4<f32>>;
-@group(0) @binding(1) var<storage, read> added: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read_write> output: array<vec4<f32>>;
-// Weights [tap][in channel][out channel] and terms [bias, scale, shift][out channel], zero for padding channels.
-@group(0) @binding(3) var<storage, read> weights: array<vec4<f32>>;
+@group(0) @binding(0) var<storage, read> input: array<INPUT_VECTOR>;
+@group(0) @binding(1) var<storage, read> added: array<ADDED_VECTOR>;
+@group(0) @binding(2) var<storage, read_write> output: array<OUTPUT_VECTOR>;
+// Weights (see common/products.wgsl) and terms [bias, scale, shift][out channel], zero for padding channels.
+@group(0) @binding(3) var<storage, read> weights: array<WEIGHTS_VECTOR>;
 @group(0) @binding(4) var<storage, read> terms: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> overflow: atomic<u32>;
 
 #paste dispatch
 #paste epilogue
@@ -27,16 +28,16 @@ fn conv_transpose3d(
     if (invocation >= INVOCATIONS) {
         return;
     }
-    // Vectors `group`, `group` + GROUPS, … of the output, from input (t, y, x) on.
-    let group = invocation % GROUPS;
-    let block = invocation / GROUPS;
-    let x = block % BLOCKS_X * PIXELS;
-    let y = block / BLOCKS_X % INPUT_Y;
-    let t = block / (BLOCKS_X * INPUT_Y) % INPUT_T;
-    let phase = block / (BLOCKS_X * INPUT_Y * INPUT_T);
+    #paste team
+    let t = block / BLOCKS % INPUT_T;
+    let phase = block / (BLOCKS * INPUT_T);
     let phase_x = phase % STRIDE_X;
     let phase_y = phase / STRIDE_X % STRIDE_Y;
     let phase_t = phase / (STRIDE_X * STRIDE_Y);
+    let first = block % BLOCKS * (PIXELS * LANES) + lane;
+    let pixel_$p = first + $p * LANES;
+    let y_$p = pixel_$p / INPUT_X;
+    let x_$p = pixel_$p % INPUT_X;
 
     var sum_$p_$j = vec4<f32>();
     for (var tap_t = (phase_t + PADDING_T) % STRIDE_T; tap_t < KERNEL_T; tap_t += STRIDE_T) {
@@ -45,17 +46,11 @@ fn conv_transpose3d(
             continue;
         }
         for (var tap_y = (phase_y + PADDING_Y) % STRIDE_Y; tap_y < KERNEL_Y; tap_y += STRIDE_Y) {
-            let in_y = y + (phase_y + PADDING_Y - tap_y) / STRIDE_Y;
-            if (in_y < 0 || in_y >= INPUT_Y) {
-                continue;
-            }
-            let row = INPUT_OFFSET + (in_t * INPUT_Y + in_y) * INPUT_X * INPUT_STRIDE;
+            let shift_y = (phase_y + PADDING_Y - tap_y) / STRIDE_Y;
             for (var tap_x = (phase_x + PADDING_X) % STRIDE_X; tap_x < KERNEL_X; tap_x += STRIDE_X) {
-                // Pixels of the padding are read from zeros behind the slot.
-                let in_x_$q = x + $q + (phase_x + PADDING_X - tap_x) / STRIDE_X;
-                let inside_$q = in_x_$q >= 0 && in_x_$q < INPUT_X;
-                let pixel_$q = select(INPUT_ZEROS, row + in_x_$q * INPUT_STRIDE, inside_$q);
-                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group;
+                let shift_x = (phase_x + PADDING_X - tap_x) / STRIDE_X;
+                let at_$p = input_at(in_t, y_$p + shift_y, x_$p + shift_x);
+                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group * LANES + lane;
                 for (var vector = 0; vector < INPUT_VECTORS; vector++) {
                     #paste products
                 }
@@ -63,6 +58,9 @@ fn conv_transpose3d(
         }
     }
 
-    let first = ((t * STRIDE_T + phase_t) * OUTPUT_Y + y * STRIDE_Y + phase_y) * OUTPUT_X + x * STRIDE_X + phase_x;
-    store(sum_$p_$j, group + $j * GROUPS, first + $p * STRIDE_X, x + $p < INPUT_X);
+    let out_t = t * STRIDE_T + phase_t;
+    let out_$p = (out_t * OUTPUT_Y + y_$p * STRIDE_Y + phase_y) * OUTPUT_X + x_$p * STRIDE_X + phase_x;
+    var largest = 0.0;
+    store(sum_$p_$j, group + $j * GROUPS, out_$p, pixel_$p < FRAME, &largest);
+    report(largest);
 }

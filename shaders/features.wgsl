@@ -6,7 +6,7 @@
 @group(0) @binding(0) var<storage, read> measurement: array<f32>;
 @group(0) @binding(1) var<storage, read> estimate: array<f32>;
 @group(0) @binding(2) var<storage, read> logs: array<f32>;
-@group(0) @binding(3) var<storage, read_write> output: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read_write> output: array<OUTPUT_VECTOR>;
 @group(0) @binding(4) var<storage, read> inverse_response_table: array<f32>;
 @group(0) @binding(5) var<storage, read> exposures: array<f32>;
 @group(0) @binding(6) var<uniform> schedule: vec4<u32>;
@@ -59,10 +59,10 @@ fn features(
     let y = block / OUTPUT_X % OUTPUT_Y;
     let t = block / (OUTPUT_X * OUTPUT_Y);
     let channel = 4 * vector;
-    output[OUTPUT_OFFSET + block * OUTPUT_STRIDE + vector] = vec4<f32>(
+    output[OUTPUT_OFFSET + block * OUTPUT_STRIDE + vector] = output_vector(vec4<f32>(
         channel_of(channel, t, y, x),
         channel_of(channel + 1, t, y, x),
         channel_of(channel + 2, t, y, x),
         channel_of(channel + 3, t, y, x),
-    );
+    ));
 }

@@ -4,9 +4,9 @@ mod support;
 
 use pix2hdr::Error;
 use pix2hdr::cpu::CpuExecutor;
-use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Overrides, adapters};
-use pix2hdr::network::{Executor, Model, Plan, presets};
-use support::{calibration, gpu, measurement, plan};
+use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Options, Variant, adapters};
+use pix2hdr::network::{Executor, Layer, Model, Plan, Precision, presets};
+use support::{calibration, gpu, measurement, plan, variants};
 
 fn model(preset: &str) -> Model {
     Model::random(presets::by_name(preset).unwrap().graph().unwrap(), 3).unwrap()
@@ -34,30 +34,167 @@ fn repeated_runs_give_the_same_bits() {
     assert!(run(&mut fresh, &plan, &first, 0) == expected);
 }
 
-/// Tiles of different sizes may get different blocks, and must fit together.
+/// An executor at a precision.
+fn at(precision: Precision, plan: &Plan) -> Result<GpuExecutor, GpuError> {
+    let options = Options { precision, ..Options::default() };
+    GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options)
+}
+
+/// Tiles of different sizes may get different variants, and must fit together.
 #[test]
-fn blocks_do_not_change_the_result() {
+fn variants_do_not_change_the_result() {
     let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
     let measurement = measurement(&plan, 1);
-    let results = [[1, 1], [4, 1], [8, 2], [16, 2]].map(|block| {
-        let overrides = Overrides { block: Some(block), edit: None };
-        let executor = GpuExecutor::with_overrides(gpu(), plan.clone(), &calibration(), &overrides);
-        run(&mut executor.unwrap(), &plan, &measurement, 0)
-    });
-    assert!(results.iter().all(|result| *result == results[0]));
+    for precision in [Precision::F32, Precision::F16] {
+        let expected = run(&mut at(precision, &plan).unwrap(), &plan, &measurement, 0);
+        for variant in variants() {
+            let options = Options { precision, variant: Some(variant), ..Options::default() };
+            let executor = GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options);
+            let result = run(&mut executor.unwrap(), &plan, &measurement, 0);
+            assert!(result == expected, "{variant:?} at {precision:?}");
+        }
+    }
+}
+
+/// Layers that are worth it are measured once, the outcome is kept, and neither it nor its absence changes a result.
+#[test]
+fn variants_are_measured_once_and_kept() {
+    // One layer of 85 million operations.
+    let layer = |name: &str, input: &str, kernel: &str| {
+        format!(
+            r#"{{"name": "{name}", "op": "conv3d", "inputs": ["{input}"], "out_channels": 32, "kernel": {kernel},
+            "stride": [1, 1, 1], "activation": {{"leaky_relu": 0.2}}}}"#
+        )
+    };
+    let nodes = [layer("a", "features", "[1, 1, 1]"), layer("b", "a", "[3, 3, 3]")].join(", ");
+    let plan = plan(&support::graph(2, 4, &nodes, "b"), 24, 32);
+    let measurement = measurement(&plan, 1);
+    let expected = run(&mut at(Precision::F32, &plan).unwrap(), &plan, &measurement, 0);
+    let folder = tempfile::tempdir().unwrap();
+    let run_in = |folder: &std::path::Path| {
+        let options = Options { tuned_in: Some(folder), ..Options::default() };
+        let executor = GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options);
+        assert!(
+            run(&mut executor.unwrap(), &plan, &measurement, 0) == expected,
+            "measuring changes the result"
+        );
+    };
+    run_in(folder.path());
+    let file = folder.path().read_dir().unwrap().next().unwrap().unwrap().path();
+    let kept = std::fs::read_to_string(&file).unwrap();
+    assert!(kept.contains("pixels"), "nothing was measured: {kept}");
+    // What is known is used: a file that says something else stays as it is.
+    let variants: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&kept).unwrap();
+    let other = serde_json::json!({"pixels": 1, "vectors": 1, "lanes": 1, "wide": false});
+    let others: serde_json::Map<_, _> = variants.keys().map(|key| (key.clone(), other.clone())).collect();
+    std::fs::write(&file, serde_json::to_vec(&others).unwrap()).unwrap();
+    run_in(folder.path());
+    let after: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    assert!(variants.keys().all(|key| after[key] == other), "{after:?}");
+    // What cannot be run here, or read, is measured again.
+    for broken in [kept.replace("\"lanes\": ", "\"lanes\": 9"), "no JSON".to_owned()] {
+        std::fs::write(&file, broken).unwrap();
+        run_in(folder.path());
+        let mended = std::fs::read_to_string(&file).unwrap();
+        assert!(mended.contains("pixels") && !mended.contains("\"lanes\": 9"), "{mended}");
+    }
+    // A folder that cannot be made is no failure.
+    run_in(&file.join("folder"));
+}
+
+#[test]
+fn variants_that_the_adapter_cannot_run_are_refused() {
+    let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
+    let variant = Variant { pixels: 2, vectors: 2, lanes: 7, wide: false };
+    let options = Options { variant: Some(variant), ..Options::default() };
+    match GpuExecutor::with_options(gpu(), plan, &calibration(), &options) {
+        Err(GpuError::Failed(problem)) => assert!(problem.contains("lanes: 7"), "{problem}"),
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
 fn the_result_is_that_of_the_cpu_executor() {
     let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
     let measurement = measurement(&plan, 1);
-    let actual =
-        run(&mut GpuExecutor::new(gpu(), plan.clone(), &calibration()).unwrap(), &plan, &measurement, 4);
     let exact = run(&mut CpuExecutor::<f64>::new(plan.clone(), calibration()), &plan, &measurement, 4);
-    let error = actual.iter().zip(&exact).map(|(a, e)| (a - e).abs()).fold(0.0, f32::max);
+    let error_at = |precision| {
+        let actual = run(&mut at(precision, &plan).unwrap(), &plan, &measurement, 4);
+        let error = actual.iter().zip(&exact).map(|(a, e)| (a - e).abs()).fold(0.0, f32::max);
+        println!("largest error at {precision:?}: {error:e}");
+        error
+    };
     // No bound is derived for whole nets: each step has its own in gpu_parity.rs.
-    println!("largest error {error:e}");
-    assert!(error < 1e-4, "{error}");
+    let [full, reduced] = [error_at(Precision::F32), error_at(Precision::F16)];
+    assert!(full < 1e-4, "{full}");
+    assert!(reduced < 2e-2, "{reduced}");
+    assert!(reduced > full, "f16 was not used");
+}
+
+#[test]
+fn reports_name_the_precision() {
+    let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
+    for (precision, name) in [(Precision::F32, "f32"), (Precision::F16, "f16")] {
+        let description = at(precision, &plan).unwrap().describe();
+        assert!(description.ends_with(name), "{description}");
+    }
+}
+
+/// A model whose layers have been changed.
+fn changed(preset: &str, change: impl Fn(&mut Layer)) -> Model {
+    let mut model = model(preset);
+    for layer in model.layers.values_mut() {
+        let mut other = (**layer).clone();
+        change(&mut other);
+        *layer = other.into();
+    }
+    model
+}
+
+/// Features that f16 cannot hold are an error that names the step, and the executor goes on.
+#[test]
+fn overflow_of_f16_is_reported() {
+    let loud = changed("tiny", |layer| layer.bias.iter_mut().for_each(|bias| *bias += 1e5));
+    let plan = Plan::lower(&loud, 16, 24).unwrap();
+    let measurement = measurement(&plan, 1);
+    let mut result = vec![0.0; plan.result.shape.len()];
+    at(Precision::F32, &plan).unwrap().run(&measurement, 0, &mut result).unwrap();
+    let mut executor = at(Precision::F16, &plan).unwrap();
+    for _ in 0..2 {
+        match executor.run(&measurement, 0, &mut result) {
+            Err(Error::Gpu(GpuError::Overflow { step, value })) => {
+                let first = plan.steps.iter().find(|step| step.flop() > 0.0).unwrap();
+                assert_eq!(step, first.name);
+                let value: f32 = value.parse().unwrap();
+                assert!((65504.0..1e6).contains(&value), "{value}");
+            }
+            other => panic!("{other:?}"),
+        }
+        assert!(result.iter().all(|p| p.is_finite()));
+    }
+    // The largest value that fits is none.
+    let first = plan.steps.iter().find(|step| step.flop() > 0.0).unwrap();
+    let mut quiet = changed("tiny", |layer| {
+        layer.weight.fill(0.0);
+        layer.bias.fill(0.0);
+        layer.norm = None;
+    });
+    let mut layer = (*quiet.layers[&first.name]).clone();
+    layer.bias.fill(65504.0);
+    quiet.layers.insert(first.name.clone(), layer.into());
+    let plan = Plan::lower(&quiet, 16, 24).unwrap();
+    at(Precision::F16, &plan).unwrap().run(&measurement, 0, &mut result).unwrap();
+}
+
+#[test]
+fn weights_that_f16_cannot_hold_are_refused() {
+    let plan = Plan::lower(&changed("tiny", |layer| layer.weight[0] = -7e4), 16, 24).unwrap();
+    at(Precision::F32, &plan).unwrap();
+    match at(Precision::F16, &plan) {
+        Err(GpuError::Overflow { value, .. }) => assert_eq!(value, "-70000"),
+        other => panic!("{other:?}"),
+    }
 }
 
 #[test]
@@ -113,12 +250,7 @@ fn measurements_that_are_not_finite_count_as_black() {
 #[test]
 fn results_are_finite_whatever_the_weights() {
     for preset in ["tiny", "paper-narrow"] {
-        let mut model = model(preset);
-        for layer in model.layers.values_mut() {
-            let mut huge = (**layer).clone();
-            huge.weight.iter_mut().for_each(|w| *w *= 1e30);
-            *layer = huge.into();
-        }
+        let model = changed(preset, |layer| layer.weight.iter_mut().for_each(|w| *w *= 1e30));
         let plan = Plan::lower(&model, 16, 16).unwrap();
         let mut executor = GpuExecutor::new(gpu(), plan.clone(), &calibration()).unwrap();
         let result = run(&mut executor, &plan, &measurement(&plan, 1), 0);
@@ -201,8 +333,8 @@ fn refused_shaders_are_named() {
         "features" => format!("{text}\nthis is no shader"),
         _ => text.to_owned(),
     };
-    let overrides = Overrides { block: None, edit: Some(&edit) };
-    match GpuExecutor::with_overrides(gpu(), plan, &calibration(), &overrides) {
+    let options = Options { edit: Some(&edit), ..Options::default() };
+    match GpuExecutor::with_options(gpu(), plan, &calibration(), &options) {
         Err(GpuError::Shader { step, problem }) => {
             assert_eq!(step, "features");
             assert!(!problem.is_empty());

@@ -8,17 +8,22 @@ use std::cell::Cell;
 use std::collections::BTreeMap;
 
 use pix2hdr::cpu::bound::{self, StepError};
-use pix2hdr::gpu::{GpuExecutor, Overrides};
-use pix2hdr::network::{Model, Plan, Step, presets};
-use support::{calibration, gpu, graph, measurement, plan};
+use pix2hdr::gpu::{GpuExecutor, Options, Variant};
+use pix2hdr::network::{Model, Plan, Precision, Step, presets};
+use support::{calibration, gpu, graph, measurement, plan, variants};
 
 /// Largest error as a fraction of its bound, by kernel.
 type Fractions = BTreeMap<&'static str, f64>;
 
 /// Compares the output of each step with the f64 twin's.
-fn fractions(executor: &mut GpuExecutor, measurement: &[f32], schedule: i64) -> Fractions {
+fn fractions(
+    executor: &mut GpuExecutor,
+    measurement: &[f32],
+    schedule: i64,
+    precision: Precision,
+) -> Fractions {
     let mut fractions = Fractions::new();
-    let errors = bound::step_errors(executor, &calibration(), measurement, schedule, bound::F32).unwrap();
+    let errors = bound::step_errors(executor, &calibration(), measurement, schedule, precision).unwrap();
     for StepError { step, kernel, fraction } in errors {
         if fraction > 1.0 {
             // In the order of the steps: the first of these lines is where the executors part.
@@ -30,16 +35,29 @@ fn fractions(executor: &mut GpuExecutor, measurement: &[f32], schedule: i64) -> 
     fractions
 }
 
-/// Runs a plan on the GPU and compares it step by step.
+/// Runs a plan on the GPU at both precisions and compares it step by step.
 fn compare(plan: Plan, schedule: i64) -> Fractions {
-    compare_with(plan, schedule, &Overrides::default())
+    compare_variant(plan, schedule, None)
 }
 
-/// As [`compare`], with choices overridden.
-fn compare_with(plan: Plan, schedule: i64, overrides: &Overrides<'_>) -> Fractions {
+/// As [`compare`], with convolutions divided in a given way.
+fn compare_variant(plan: Plan, schedule: i64, variant: Option<Variant>) -> Fractions {
+    let options = Options { variant, ..Options::default() };
+    let mut largest = compare_with(plan.clone(), schedule, &options);
+    let reduced = compare_with(plan, schedule, &Options { precision: Precision::F16, ..options });
+    println!("f16: {reduced:.3?}");
+    for (kernel, fraction) in reduced {
+        let largest = largest.entry(kernel).or_insert(0.0);
+        *largest = fraction.max(*largest);
+    }
+    largest
+}
+
+/// Runs a plan on the GPU with options and compares it step by step.
+fn compare_with(plan: Plan, schedule: i64, options: &Options<'_>) -> Fractions {
     let measurement = measurement(&plan, 2);
-    let mut executor = GpuExecutor::with_overrides(gpu(), plan, &calibration(), overrides).unwrap();
-    fractions(&mut executor, &measurement, schedule)
+    let mut executor = GpuExecutor::with_options(gpu(), plan, &calibration(), options).unwrap();
+    fractions(&mut executor, &measurement, schedule, options.precision)
 }
 
 /// Fails if a step left its bound, or if one of `kernels` did not run.
@@ -84,9 +102,6 @@ fn layers(op: &str, frames: usize, channels: [usize; 2], taps: &[([usize; 3], [u
 /// Sizes [t, y, x]: single pixels, single rows and columns, primes, and widths around the blocks of invocations.
 const SIZES: [[usize; 3]; 8] =
     [[1, 1, 1], [1, 1, 17], [1, 13, 1], [5, 1, 2], [2, 3, 7], [1, 5, 8], [3, 7, 9], [1, 2, 67]];
-
-/// Blocks of pixels and vectors that are forced, whatever the size.
-const BLOCKS: [[usize; 2]; 4] = [[1, 1], [3, 3], [8, 2], [16, 2]];
 
 /// Kernels and strides of convolutions: all shapes of kernel, and strides that do and do not divide the sizes.
 const TAPS: [([usize; 3], [usize; 3]); 9] = [
@@ -181,10 +196,10 @@ fn conv3d_of_all_sizes() {
 
 #[test]
 fn conv3d_of_all_kernels_and_strides() {
-    for block in BLOCKS {
+    for variant in variants() {
         let plan = plan(&layers("conv3d", 4, [3, 13], &TAPS), 5, 19);
-        let fractions = compare_with(plan, 0, &Overrides { block: Some(block), edit: None });
-        assert_within_bounds(&format!("conv3d in blocks of {block:?}"), &fractions, &["conv3d"]);
+        let fractions = compare_variant(plan, 0, Some(variant));
+        assert_within_bounds(&format!("conv3d as {variant:?}"), &fractions, &["conv3d"]);
     }
 }
 
@@ -198,10 +213,10 @@ fn conv_transpose3d_of_all_sizes() {
 
 #[test]
 fn conv_transpose3d_of_all_kernels_and_strides() {
-    for block in BLOCKS {
+    for variant in variants() {
         let plan = plan(&layers("conv_transpose3d", 2, [3, 13], &TRANSPOSED_TAPS), 5, 19);
-        let fractions = compare_with(plan, 0, &Overrides { block: Some(block), edit: None });
-        let what = format!("conv_transpose3d in blocks of {block:?}");
+        let fractions = compare_variant(plan, 0, Some(variant));
+        let what = format!("conv_transpose3d as {variant:?}");
         assert_within_bounds(&what, &fractions, &["conv_transpose3d"]);
     }
 }
@@ -334,16 +349,16 @@ fn broken_shaders_are_caught() {
         ("box_estimate", "y % PATTERN_ROWS", "y % PATTERN_COLS"),
         ("features", "channel % CHANNELS", "(channel + 1) % CHANNELS"),
         ("features", "MU * p", "MU * p * 1.00001"),
-        ("conv3d", "tap_y - PADDING_Y", "tap_y - PADDING_Y + 1"),
+        ("conv3d", "STRIDE_Y - PADDING_Y", "STRIDE_Y - PADDING_Y + 1"),
         ("conv3d", "tap_t * KERNEL_Y + tap_y", "tap_y * KERNEL_T + tap_t"),
-        ("conv3d", "in_x_0 >= 0", "in_x_0 >= -1"),
-        ("conv3d", "vec4<f32>(column_0.y), weight_1_0_0", "vec4<f32>(column_0.y), weight_0_0_0"),
-        ("conv3d", "terms[WEIGHT_VECTORS + vector]", "terms[vector]"),
+        ("conv3d", "x >= 0 &&", "x >= -1 &&"),
+        ("conv3d", "vec4<f32>(column_0.y), row_1_0", "vec4<f32>(column_0.y), row_0_0"),
+        ("conv3d", "terms[TERM_VECTORS + vector]", "terms[vector]"),
         ("conv3d", "pixel * ADDED_STRIDE", "(pixel + 1) * ADDED_STRIDE"),
         ("conv3d", "max(v, vec4<f32>())", "v"),
         ("conv3d", "ACTIVATION_PARAMETER * v", "0.2001 * v"),
         ("conv_transpose3d", "(phase_x + PADDING_X) % STRIDE_X", "phase_x % STRIDE_X"),
-        ("conv_transpose3d", "y * STRIDE_Y + phase_y", "y * STRIDE_Y + phase_x"),
+        ("conv_transpose3d", "STRIDE_Y + phase_y", "STRIDE_Y + phase_x"),
         ("conv_transpose3d", "abs(v)", "v"),
         ("inverse_response", "index + 1u", "index"),
         ("inverse_response", "rendered_exposures[i]", "rendered_exposures[0]"),
@@ -356,22 +371,31 @@ fn broken_shaders_are_caught() {
         ("blend", "t + TAPS_T[i]", "t"),
         ("blend", "TAPS * BLOCK_Y", "0 * BLOCK_Y"),
     ];
+    // At f16, what packs and unpacks four channels is part of the text too.
+    let reduced_mutants = [
+        ("features", "pack2x16float(c.zw)", "pack2x16float(c.xy)"),
+        ("conv3d", "pack2x16float(c.zw)", "pack2x16float(c.wz)"),
+        ("conv3d", "fn input_values(v: INPUT_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
+        ("conv3d", "fn weights_values(v: WEIGHTS_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
+    ];
     // The window ends behind the pattern's period.
     let schedule = 3;
     let sound = compare(plan(&json, 5, 10), schedule);
     assert_within_bounds("sound shaders", &sound, &mutants.map(|(kernel, ..)| kernel));
-    for (kernel, correct, wrong) in mutants {
+    let mutants = mutants.iter().map(|mutant| (mutant, Precision::F32));
+    let mutants = mutants.chain(reduced_mutants.iter().map(|mutant| (mutant, Precision::F16)));
+    for (&(kernel, correct, wrong), precision) in mutants {
         let edited = Cell::new(false);
         let edit = |step: &Step, text: &str| {
             if step.kernel.name() != kernel {
                 return text.to_owned();
             }
-            let broken = text.replace(correct, wrong);
+            let broken = text.replace(correct, &wrong.replace("$0", correct));
             edited.set(edited.get() || broken != text);
             broken
         };
-        let overrides = Overrides { block: None, edit: Some(&edit) };
-        let fraction = compare_with(plan(&json, 5, 10), schedule, &overrides)[kernel];
+        let options = Options { precision, edit: Some(&edit), ..Options::default() };
+        let fraction = compare_with(plan(&json, 5, 10), schedule, &options)[kernel];
         assert!(edited.get(), "{kernel} has no '{correct}' to break");
         println!("{kernel} with '{wrong}': {fraction:.1} times its bound");
         assert!(fraction > 1.0, "nobody notices that {kernel} has '{wrong}' in place of '{correct}'");

@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use pix2hdr::network::{Model, presets};
+use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Noise, Pattern, Sampler};
 use pix2hdr::synth::{Backend, Options, Report, Request, ResultFrame, Skip, Synthesizer};
 use pix2hdr::video::{Video, tone};
@@ -36,7 +36,7 @@ fn scene(extents: [usize; 3], change: impl Fn(usize, usize, usize, f32) -> f32) 
 }
 
 fn run(model: &Model, capture: &Capture, options: Options) -> (Vec<ResultFrame>, Report) {
-    let backend = Backend::choose(Request::Cpu, None).unwrap();
+    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
     let extent = [capture.height, capture.width];
     let mut synthesizer = Synthesizer::with(model, capture.calibration(), extent, &backend, options).unwrap();
     let frames = Mutex::new(Vec::new());
@@ -190,7 +190,7 @@ fn slow_drift_stays_within_the_allowed_error() {
 #[test]
 fn windows_of_another_length_need_a_net_that_gives_the_same() {
     let capture = camera("mpve-1-4", Noise::NONE).sample(&scene([9, 16, 16], |_, _, _, p| p)).unwrap();
-    let backend = Backend::choose(Request::Cpu, None).unwrap();
+    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
     let hop = |model: &Model, hop| {
         let options = Options { hop: Some(hop), ..Options::default() };
         Synthesizer::with(model, capture.calibration(), [16, 16], &backend, options).map(|_| ())

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use pix2hdr::network::{Model, presets};
+use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, CaptureFile, Form, FrameSource, Pattern, Recording, Sampler, Timing};
 use pix2hdr::synth::{Backend, Options, Request, Skip, Synthesizer};
 use pix2hdr::video::Video;
@@ -26,7 +26,7 @@ fn capture(frames: usize, timing: Timing) -> Capture {
 }
 
 fn synthesizer(capture: &Capture, skip: Skip) -> Synthesizer {
-    let backend = Backend::choose(Request::Cpu, None).unwrap();
+    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
     let options = Options { skip, ..Options::default() };
     Synthesizer::with(&model(), capture.calibration(), [16, 20], &backend, options).unwrap()
 }

@@ -1,7 +1,7 @@
 //! Windows and tiles leave no trace: the result is that of the whole video at once.
 
 use pix2hdr::cpu::CpuExecutor;
-use pix2hdr::network::{Executor, Model, Plan, presets};
+use pix2hdr::network::{Executor, Model, Plan, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use pix2hdr::synth::{Backend, Request, Synthesizer};
 use pix2hdr::video::Video;
@@ -23,7 +23,7 @@ fn camera() -> Sampler {
 }
 
 fn synthesise(model: &Model, capture: &Capture, side: Option<usize>) -> Video {
-    let backend = Backend::choose(Request::Cpu, None).unwrap();
+    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
     let extent = [capture.height, capture.width];
     let mut synthesizer = Synthesizer::new(model, capture.calibration(), extent, &backend, side).unwrap();
     synthesizer.video(capture).unwrap().0

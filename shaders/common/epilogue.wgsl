@@ -25,17 +25,35 @@ fn activation(v: vec4<f32>) -> vec4<f32> {
 fn epilogue(sum: vec4<f32>, vector: i32, pixel: i32) -> vec4<f32> {
     var v = activation(sum + terms[vector]);
     if (NORM) {
-        v = v * terms[WEIGHT_VECTORS + vector] + terms[2 * WEIGHT_VECTORS + vector];
+        v = v * terms[TERM_VECTORS + vector] + terms[2 * TERM_VECTORS + vector];
     }
     if (ADD) {
-        v += added[ADDED_OFFSET + pixel * ADDED_STRIDE + vector];
+        v += added_values(added[ADDED_OFFSET + pixel * ADDED_STRIDE + vector]);
     }
     return v;
 }
 
-// Writes four channels of a pixel, unless they are padding.
-fn store(sum: vec4<f32>, vector: i32, pixel: i32, inside: bool) {
+// Where the channels of input pixel (t, y, x) begin. Pixels of the padding are read from zeros behind the slot.
+fn input_at(t: i32, y: i32, x: i32) -> i32 {
+    let inside = y >= 0 && y < INPUT_Y && x >= 0 && x < INPUT_X;
+    return select(INPUT_ZEROS, INPUT_OFFSET + ((t * INPUT_Y + y) * INPUT_X + x) * INPUT_STRIDE, inside);
+}
+
+// Writes four channels of a pixel, unless they are padding, and keeps the largest magnitude.
+fn store(sum: vec4<f32>, vector: i32, pixel: i32, inside: bool, largest: ptr<function, f32>) {
     if (inside && vector < OUTPUT_VECTORS) {
-        output[OUTPUT_OFFSET + pixel * OUTPUT_STRIDE + vector] = epilogue(sum, vector, pixel);
+        let v = epilogue(sum, vector, pixel);
+        if (LIMITED) {
+            let a = abs(v);
+            *largest = max(*largest, max(max(a.x, a.y), max(a.z, a.w)));
+        }
+        output[OUTPUT_OFFSET + pixel * OUTPUT_STRIDE + vector] = output_vector(v);
+    }
+}
+
+// Keeps a magnitude beyond what the output's format can hold. Magnitudes have the order of their bits.
+fn report(largest: f32) {
+    if (LIMITED && largest > LIMIT) {
+        atomicMax(&overflow, bitcast<u32>(largest));
     }
 }

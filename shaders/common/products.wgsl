@@ -1,18 +1,13 @@
-// Adds the products of four input channels with the weights of TAPS taps along x, for the PIXELS · VECTORS · 4 sums of
-// a block, and steps to the next four input channels. Layers of fewer than four input channels have fewer weights.
-let column_$q = input[pixel_$q + vector];
-let weight_0_$k_$j = weights[weight + $k * TAP_WEIGHTS + $j * GROUPS];
-sum_$p_$j = fma(vec4<f32>(column_$c.x), weight_0_$k_$j, sum_$p_$j);
-if (WEIGHT_ROWS > 1) {
-    let weight_1_$k_$j = weights[weight + $k * TAP_WEIGHTS + WEIGHT_VECTORS + $j * GROUPS];
-    sum_$p_$j = fma(vec4<f32>(column_$c.y), weight_1_$k_$j, sum_$p_$j);
-}
-if (WEIGHT_ROWS > 2) {
-    let weight_2_$k_$j = weights[weight + $k * TAP_WEIGHTS + 2 * WEIGHT_VECTORS + $j * GROUPS];
-    sum_$p_$j = fma(vec4<f32>(column_$c.z), weight_2_$k_$j, sum_$p_$j);
-}
-if (WEIGHT_ROWS > 3) {
-    let weight_3_$k_$j = weights[weight + $k * TAP_WEIGHTS + 3 * WEIGHT_VECTORS + $j * GROUPS];
-    sum_$p_$j = fma(vec4<f32>(column_$c.w), weight_3_$k_$j, sum_$p_$j);
-}
-weight += 4 * WEIGHT_VECTORS;
+// Adds the products of four input channels with the weights of one tap, for the PIXELS · VECTORS · 4 sums of a block,
+// and steps to the next four input channels.
+//
+// Row $i of vector $j, the weights from input channel $i to four output channels, is number 4j + i of the team's rows.
+// The weights lie as [tap][four input channels][load][group][lane]: row n is loaded by lane n % LANES in load
+// n / LANES. $row is the row in the registers of the whole team, $x the name of component $i.
+let loaded_$w = weights_values(weights[weight + $w * (GROUPS * LANES)]);
+let column_$p = input_values(input[at_$p + vector]);
+#each $j
+let row_$i_$j = $row;
+sum_$p_$j = fma(vec4<f32>(column_$p.$x), row_$i_$j, sum_$p_$j);
+#end
+weight += LOADS * GROUPS * LANES;

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::cpu::CpuExecutor;
 use crate::cpu::bound::step_errors;
 use crate::math::lcm;
-use crate::network::{Executor, Model, Plan};
+use crate::network::{Executor, Model, Plan, Precision};
 use crate::quality::Comparison;
 use crate::sensor::Calibration;
 use crate::synth::windows;
@@ -85,10 +85,10 @@ impl Oracle {
         psnr(pairs, self.exact.width)
     }
 
-    /// The largest error of any step as a fraction of its bound, for tensors stored with unit round-off `storage`.
-    pub fn bound_fraction(&self, executor: &mut dyn Executor, storage: f64) -> Result<f64> {
+    /// The largest error of any step as a fraction of its bound, at the executor's precision.
+    pub fn bound_fraction(&self, executor: &mut dyn Executor, precision: Precision) -> Result<f64> {
         let errors =
-            step_errors(executor, &self.calibration, &self.measurement.data, self.schedule, storage)?;
+            step_errors(executor, &self.calibration, &self.measurement.data, self.schedule, precision)?;
         Ok(errors.iter().map(|error| error.fraction).fold(0.0, f64::max))
     }
 }

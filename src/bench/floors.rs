@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use crate::network::{Kernel, Plan, Step};
+use crate::gpu::{Format, StepFormats, Storage};
+use crate::network::{Kernel, Plan, Precision, Step};
 
 /// What an executor's hardware can do at most, as small programs that do nothing else measure it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,24 +39,27 @@ pub struct Floors {
 }
 
 impl Work {
-    /// Of one step, with `value_bytes` bytes per value.
-    pub fn of_step(step: &Step, value_bytes: usize) -> Self {
-        let views = step.inputs.iter().chain([&step.output]);
-        let values = views.map(|view| view.shape.len()).sum::<usize>() + weights(&step.kernel);
-        Self { flop: step.flop(), bytes: (values * value_bytes) as f64 }
+    /// Of one step, whose tensors are stored in `formats`.
+    pub fn of_step(step: &Step, formats: &StepFormats) -> Self {
+        let views = step.inputs.iter().zip(&formats.inputs).chain([(&step.output, &formats.output)]);
+        let tensors: usize = views.map(|(view, format)| view.shape.len() * format.bytes()).sum();
+        let bytes = tensors + weights(&step.kernel) * formats.weights.bytes();
+        Self { flop: step.flop(), bytes: bytes as f64 }
     }
 
     /// Of all steps of a plan, one after the other.
-    pub fn of_plan(plan: &Plan, value_bytes: usize) -> Self {
-        let steps = plan.steps.iter().map(|step| Self::of_step(step, value_bytes));
+    pub fn of_plan(plan: &Plan, precision: Precision) -> Self {
+        let formats = Storage::new(plan, precision).steps;
+        let steps = plan.steps.iter().zip(&formats).map(|(step, formats)| Self::of_step(step, formats));
         steps.fold(Self::default(), |a, b| Self { flop: a.flop + b.flop, bytes: a.bytes + b.bytes })
     }
 
     /// Of a plan whose steps were all one: no tensor between them is written.
-    pub fn of_fused_plan(plan: &Plan, value_bytes: usize) -> Self {
+    pub fn of_fused_plan(plan: &Plan, precision: Precision) -> Self {
         let weights: usize = plan.steps.iter().map(|step| weights(&step.kernel)).sum();
-        let values = plan.measurement.shape.len() + weights + plan.result.shape.len();
-        Self { flop: plan.flop(), bytes: (values * value_bytes) as f64 }
+        let pixels = plan.measurement.shape.len() + plan.result.shape.len();
+        let bytes = pixels * Format::F32.bytes() + weights * Format::of(precision).bytes();
+        Self { flop: plan.flop(), bytes: bytes as f64 }
     }
 
     /// Operations per byte.
@@ -74,12 +78,11 @@ impl Peak {
     pub fn floors<'a>(
         &self,
         tiles: impl IntoIterator<Item = (&'a Plan, usize)>,
-        value_bytes: usize,
+        precision: Precision,
     ) -> Floors {
         let (mut work, mut least, mut frames) = (Work::default(), 0.0, 1.0);
         for (plan, count) in tiles {
-            let (stepwise, fused) =
-                (Work::of_plan(plan, value_bytes), Work::of_fused_plan(plan, value_bytes));
+            let (stepwise, fused) = (Work::of_plan(plan, precision), Work::of_fused_plan(plan, precision));
             work.flop += count as f64 * stepwise.flop;
             work.bytes += count as f64 * stepwise.bytes;
             least += count as f64 * fused.bytes;
@@ -111,7 +114,7 @@ mod tests {
     use super::*;
     use crate::network::{Graph, Model};
 
-    /// 2 frames of 4×8 pixels; 3 features; a 1×3×3 convolution to 5 channels, and one to 1 channel.
+    /// 2 frames of 4×8 pixels; 3 features; a 1×3×3 convolution to 5 channels, and one to 2, a weight and a residual.
     fn plan() -> Plan {
         let graph = Graph::from_json(
             r#"{"version": 1, "name": "test", "pattern": "any", "window": {"frames": 2, "lead": 0, "hop": 2},
@@ -120,9 +123,11 @@ mod tests {
              "channels": ["measurement", "log_estimate", "saturated"], "block": [1, 1, 1]},
             {"name": "layer", "op": "conv3d", "inputs": ["features"], "out_channels": 5, "kernel": [1, 3, 3],
              "stride": [1, 1, 1], "activation": "none"},
-            {"name": "tail", "op": "conv3d", "inputs": ["layer"], "out_channels": 1, "kernel": [1, 1, 1],
+            {"name": "logs", "op": "log_irradiance", "inputs": ["measurement"]},
+            {"name": "tail", "op": "conv3d", "inputs": ["layer"], "out_channels": 2, "kernel": [1, 1, 1],
              "stride": [1, 1, 1], "activation": "none"},
-            {"name": "result", "op": "unfold", "inputs": ["tail", "estimate"], "block": [1, 1, 1], "start": 0}],
+            {"name": "result", "op": "blend", "inputs": ["tail", "logs", "estimate"], "block": [1, 1, 1],
+             "taps": [[0, 0, 0]]}],
             "output": "result"}"#,
         );
         Plan::lower(&Model::random(graph.unwrap(), 1).unwrap(), 4, 8).unwrap()
@@ -132,14 +137,26 @@ mod tests {
     fn work_is_counted_by_hand() {
         let plan = plan();
         let pixels = 2 * 4 * 8;
-        let layer = Work::of_step(&plan.steps[2], 4);
+        let index = plan.steps.iter().position(|step| step.name == "layer").unwrap();
+        let of_layer =
+            |precision| Work::of_step(&plan.steps[index], &Storage::new(&plan, precision).steps[index]);
+        let layer = of_layer(Precision::F32);
         assert_eq!(layer.flop, (2 * pixels * 9 * 3 * 5) as f64);
         assert_eq!(layer.bytes, (4 * (pixels * (3 + 5) + 9 * 3 * 5 + 5)) as f64);
         assert_eq!(layer.intensity(), layer.flop / layer.bytes);
-        // Box estimate 1 + 1, features 2 + 3, layer 3 + 5, tail 5 + 1, unfold 2 + 1 values a pixel.
-        let weights = 9 * 3 * 5 + 5 + 5 + 1;
-        assert_eq!(Work::of_plan(&plan, 2).bytes, (2 * (pixels * 24 + weights)) as f64);
-        assert_eq!(Work::of_fused_plan(&plan, 4).bytes, (4 * (2 * pixels + weights)) as f64);
+        assert_eq!(of_layer(Precision::F16).bytes, layer.bytes / 2.0);
+        // Values a pixel: estimate 1 + 1, logs 1 + 1, features 2 + 3, layer 3 + 5, tail 5 + 2, blend 4 + 1.
+        let weights = 9 * 3 * 5 + 5 + 5 * 2 + 2;
+        assert_eq!(Work::of_plan(&plan, Precision::F32).bytes, (4 * (pixels * 29 + weights)) as f64);
+        // The features, and what the two convolutions read and write, but for the tail's output.
+        let reduced = pixels * (3 + 3 + 5 + 5) + weights;
+        assert_eq!(
+            Work::of_plan(&plan, Precision::F16).bytes,
+            (4 * (pixels * 29 + weights) - 2 * reduced) as f64
+        );
+        let pixels = 2 * pixels;
+        assert_eq!(Work::of_fused_plan(&plan, Precision::F32).bytes, (4 * (pixels + weights)) as f64);
+        assert_eq!(Work::of_fused_plan(&plan, Precision::F16).bytes, (4 * pixels + 2 * weights) as f64);
     }
 
     #[test]
@@ -148,7 +165,8 @@ mod tests {
         assert_eq!(peak.roofline(Work { flop: 1e9, bytes: 1e7 }), 1.0);
         assert_eq!(peak.roofline(Work { flop: 1e7, bytes: 2e8 }), 2.0);
         let plan = plan();
-        let (one, three) = (peak.floors([(&plan, 1)], 4), peak.floors([(&plan, 3)], 4));
+        let (one, three) =
+            (peak.floors([(&plan, 1)], Precision::F32), peak.floors([(&plan, 3)], Precision::F32));
         assert_eq!(one.gflop_per_frame, 1e-9 * plan.flop() / 2.0);
         assert!((three.bytes_floor_ms_per_frame / one.bytes_floor_ms_per_frame - 3.0).abs() < 1e-9);
         assert!((one.arithmetic_floor_ms_per_frame - 1e3 * plan.flop() / 1e9 / 2.0).abs() < 1e-12);

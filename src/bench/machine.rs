@@ -63,7 +63,7 @@ impl Peak {
     /// Measures what a backend's hardware can do, in a second or two.
     pub fn measure(backend: &Backend) -> Result<Self, GpuError> {
         Ok(match backend {
-            Backend::Gpu(gpu) => {
+            Backend::Gpu(gpu, _) => {
                 Self { flop_rate: gpu.measure_flop_rate()?, copy_rate: gpu.measure_copy_rate()? }
             }
             Backend::Cpu => {

@@ -9,12 +9,11 @@ use super::floors::Work;
 use super::samples::repeat;
 use super::{Clip, Floors, Oracle, Peak, Samples, machine};
 use crate::Result;
-use crate::cpu::bound;
-use crate::gpu::{GpuExecutor, Overrides};
-use crate::network::{Executor, Model, Plan};
+use crate::gpu::{self, GpuExecutor, Storage, Variant};
+use crate::network::{Executor, Model, Plan, Precision, Step};
 use crate::quality::compare;
 use crate::sensor::Calibration;
-use crate::synth::{Backend, Options, Precision, Skip, Skipped, Synthesizer, tiles::Grid, windows};
+use crate::synth::{Backend, Options, Skip, Skipped, Synthesizer, tiles::Grid, windows};
 use crate::video::Video;
 
 /// A sample takes at least this long, so that it outweighs the way to a device: short windows are computed several
@@ -42,13 +41,10 @@ pub struct Case<'a> {
     pub backend: &'a Backend,
     /// What that can do at most.
     pub peak: Peak,
-    /// How numbers are stored.
-    pub precision: Precision,
     /// What may be left out.
     pub skip: Skip,
-    /// Pixels and vectors that one invocation of a GPU convolution computes, if they are not to be chosen by layer.
-    /// Only inference is measured then.
-    pub block: Option<[usize; 2]>,
+    /// How GPU convolutions are divided, if that is not to be chosen by layer. Only inference is measured then.
+    pub variant: Option<Variant>,
     /// How much time is spent.
     pub effort: Effort,
     /// Whether the time of each step is measured.
@@ -164,7 +160,7 @@ impl Case<'_> {
         let calibration = clip.capture.calibration();
         let memory = machine::reset_peak_memory();
         let grid = Grid::fit(self.model, &calibration, clip.extent(), self.backend.limits(None))?;
-        let whole = match self.block {
+        let whole = match self.variant {
             None => Some(self.end_to_end(clip, &calibration)?),
             Some(_) => None,
         };
@@ -180,10 +176,8 @@ impl Case<'_> {
         };
         let peak_memory_bytes = memory.then(machine::peak_memory).flatten();
 
-        let (storage, value_bytes, precision) = match self.precision {
-            Precision::F32 => (bound::F32, 4, "f32"),
-        };
-        let floors = self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count)), value_bytes);
+        let precision = self.backend.precision();
+        let floors = self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count)), precision);
         let per_frame = |seconds: f64| 1e3 * seconds / hop;
         let median = per_frame(wall.median());
         let mut checked = self.executor(oracle.plan().clone(), &calibration)?;
@@ -197,15 +191,14 @@ impl Case<'_> {
             Some(whole) if self.trained => Some(compare(&clip.truth, &whole.video)?.psnr_mu),
             _ => None,
         };
-        let layers =
-            if self.per_layer { Some(self.layers(&mut tiles, schedule, value_bytes)?) } else { None };
+        let layers = if self.per_layer { Some(self.layers(&mut tiles, schedule)?) } else { None };
         let [height, width] = clip.extent();
         Ok(Row {
             preset: self.preset.to_owned(),
             weights: if self.trained { "trained" } else { "random" },
             executor: self.backend.name(),
             adapter: self.backend.adapter(),
-            precision,
+            precision: precision.name(),
             skip: self.skip.name(),
             scene: clip.scene.clone(),
             width,
@@ -225,18 +218,18 @@ impl Case<'_> {
             psnr_mu_db,
             box_psnr_mu_db: clip.box_psnr_mu_db,
             psnr_vs_oracle_db,
-            max_error_bound_fraction: Some(oracle.bound_fraction(&mut *checked, storage)?),
-            activation_bytes: tiles.iter().map(|tile| tile.plan.slot_bytes(value_bytes) as u64).sum(),
+            max_error_bound_fraction: Some(oracle.bound_fraction(&mut *checked, precision)?),
+            activation_bytes: tiles.iter().map(|tile| tile.slot_bytes(precision)).sum(),
             peak_memory_bytes,
             layers,
         })
     }
 
     fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Executor>> {
-        match (self.backend, self.block) {
-            (Backend::Gpu(gpu), Some(_)) => {
-                let overrides = Overrides { block: self.block, ..Overrides::default() };
-                Ok(Box::new(GpuExecutor::with_overrides(gpu, plan, calibration, &overrides)?))
+        match (self.backend, self.variant) {
+            (&Backend::Gpu(ref gpu, precision), Some(_)) => {
+                let options = gpu::Options { precision, variant: self.variant, ..gpu::Options::default() };
+                Ok(Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?))
             }
             _ => self.backend.executor(plan, calibration),
         }
@@ -318,7 +311,7 @@ impl Case<'_> {
     }
 
     /// Time of each step of the most frequent tile.
-    fn layers(&self, tiles: &mut [Tile], schedule: i64, value_bytes: usize) -> Result<Vec<Layer>> {
+    fn layers(&self, tiles: &mut [Tile], schedule: i64) -> Result<Vec<Layer>> {
         let Some(Tile { plan, executor, measurement, count, .. }) =
             tiles.iter_mut().max_by_key(|tile| tile.count)
         else {
@@ -326,9 +319,10 @@ impl Case<'_> {
         };
         let times = repeat(self.effort.patience, || executor.time_steps(&measurement.data, schedule))?;
         let per_frame = |seconds: f64| 1e3 * seconds * *count as f64 / plan.window.hop as f64;
-        let layer = |(index, step): (usize, &crate::network::Step)| {
+        let formats = Storage::new(plan, self.backend.precision()).steps;
+        let layer = |(index, step): (usize, &Step)| {
             let shortest = times.iter().map(|steps| steps[index]).min().unwrap_or_default().as_secs_f64();
-            let work = Work::of_step(step, value_bytes);
+            let work = Work::of_step(step, &formats[index]);
             let roofline = self.peak.roofline(work);
             Layer {
                 step: step.name.clone(),
@@ -365,6 +359,11 @@ struct Inference {
 }
 
 impl Tile {
+    /// Bytes of all slots.
+    fn slot_bytes(&self, precision: Precision) -> u64 {
+        Storage::new(&self.plan, precision).slot_bytes.iter().map(|&bytes| bytes as u64).sum()
+    }
+
     /// Time of all tiles of this size in one window.
     fn time(&mut self, schedule: i64) -> Result<Sample> {
         let time = self.executor.time_windows(&self.measurement.data, schedule, self.windows)?;

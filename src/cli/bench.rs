@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use pix2hdr::bench::{Case, Clip, Effort, Machine, Oracle, Peak, ProcessorPeak, Row, frontier};
-use pix2hdr::network::{Model, presets};
+use pix2hdr::gpu::Variant;
+use pix2hdr::network::{self, Model, presets};
 use pix2hdr::scene::procedural;
 use pix2hdr::sensor::Pattern;
 use pix2hdr::synth::{self, Backend, Request};
@@ -43,7 +44,7 @@ pub struct Bench {
     /// Part of the name of the GPU adapter to use
     #[arg(long, value_name = "SUBSTRING")]
     adapter: Option<String>,
-    /// How numbers are stored
+    /// How numbers are stored; the CPU has f32 only
     #[arg(long, value_enum, value_delimiter = ',', default_value = "f32", value_name = "PRECISION,…")]
     precision: Vec<Precision>,
     /// What may be left out
@@ -58,10 +59,10 @@ pub struct Bench {
     /// Also show where the time goes: each step beside the roofline of its arithmetic and bytes
     #[arg(long)]
     per_layer: bool,
-    /// Force the block of GPU convolutions: pixels and vectors of four channels that one invocation computes; measures
-    /// inference only
-    #[arg(long, value_parser = parse_size, value_name = "PIXELSxVECTORS")]
-    block: Option<[usize; 2]>,
+    /// Force how GPU convolutions are divided: pixels and vectors of four channels that one invocation computes, and
+    /// invocations that share weights; measures inference only
+    #[arg(long, value_parser = parse_variant, value_name = "PIXELSxVECTORS[xLANES]")]
+    variant: Option<Variant>,
     /// Take a fifth of the time
     #[arg(long)]
     quick: bool,
@@ -83,6 +84,16 @@ pub struct Bench {
 fn parse_size(text: &str) -> std::result::Result<[usize; 2], String> {
     let (a, b) = text.split_once('x').ok_or("two numbers such as 128x128")?;
     Ok([at_least_one(a)?, at_least_one(b)?])
+}
+
+/// Parses how a convolution is divided.
+fn parse_variant(text: &str) -> std::result::Result<Variant, String> {
+    let numbers = text.split('x').map(at_least_one).collect::<std::result::Result<Vec<_>, _>>()?;
+    match numbers[..] {
+        [pixels, vectors] => Ok(Variant { pixels, vectors, lanes: 1, wide: false }),
+        [pixels, vectors, lanes] => Ok(Variant { pixels, vectors, lanes, wide: false }),
+        _ => Err("two or three numbers such as 8x2 or 8x2x32".into()),
+    }
 }
 
 /// A net to measure.
@@ -121,8 +132,13 @@ impl Bench {
             }
         }
         let backends = self.backends()?;
-        if self.block.is_some() && backends.iter().any(|backend| matches!(backend, Backend::Cpu)) {
-            return Err(Error::Usage("--block is for GPUs; name one with --executor gpu".into()));
+        if backends.iter().all(|backend| self.at_precisions(backend).is_empty()) {
+            return Err(Error::Usage(
+                "the CPU has f32 only; --executor gpu takes software Vulkan too".into(),
+            ));
+        }
+        if self.variant.is_some() && backends.iter().any(|backend| matches!(backend, Backend::Cpu)) {
+            return Err(Error::Usage("--variant is for GPUs; name one with --executor gpu".into()));
         }
         let mut machine = Machine::here();
         let mut measured = Vec::new();
@@ -169,7 +185,7 @@ impl Bench {
             let request = executor.request();
             // A name of an adapter says nothing about the CPU.
             let adapter = self.adapter.as_deref().filter(|_| request != Request::Cpu);
-            let backend = Backend::choose(request, adapter)?;
+            let backend = Backend::choose(request, adapter, network::Precision::F32)?;
             let same =
                 |other: &Backend| (other.name(), other.adapter()) == (backend.name(), backend.adapter());
             if !backends.iter().any(same) {
@@ -177,6 +193,11 @@ impl Bench {
             }
         }
         Ok(backends)
+    }
+
+    /// A place at each precision that it has.
+    fn at_precisions(&self, backend: &Backend) -> Vec<Backend> {
+        self.precision.iter().filter_map(|precision| backend.at(precision.storage())).collect()
     }
 
     /// Measures every combination.
@@ -187,7 +208,8 @@ impl Bench {
             Effort { patience: Duration::from_millis(1500), check_flop: 60e9 }
         };
         let frames = self.frames.unwrap_or(if self.quick { 40 } else { 80 });
-        let ways = backends.len() * self.precision.len() * self.skip.len();
+        let ways: usize =
+            backends.iter().map(|(backend, _)| self.at_precisions(backend).len() * self.skip.len()).sum();
         let count = nets.len() * self.size.len() * self.scene.len() * ways;
         let bar = terminal::progress(count, "measuring");
         let mut rows = Vec::with_capacity(count);
@@ -202,9 +224,8 @@ impl Bench {
                     let clip = Clip::new(name, truth.clone(), net.pattern()?, self.seed)?;
                     let oracle = Oracle::new(model, &clip, effort.check_flop)?;
                     for &(ref backend, peak) in backends {
-                        for precision in &self.precision {
+                        for backend in &self.at_precisions(backend) {
                             for skip in &self.skip {
-                                let precision = precision.storage();
                                 let skip = skip.within(self.allowed_error);
                                 let case = Case {
                                     preset,
@@ -212,9 +233,8 @@ impl Bench {
                                     trained: *trained,
                                     backend,
                                     peak,
-                                    precision,
                                     skip,
-                                    block: self.block,
+                                    variant: self.variant,
                                     effort,
                                     per_layer: self.per_layer,
                                 };

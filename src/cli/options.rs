@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use pix2hdr::network::Model;
+use pix2hdr::network::{self, Model};
 use pix2hdr::sensor::{Calibration, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
 use pix2hdr::synth::{self, Backend, Options, Request, Synthesizer};
 use pix2hdr::{Error, Result};
@@ -67,6 +67,8 @@ pub enum Precision {
     /// 32 bits
     #[default]
     F32,
+    /// 16 bits for feature channels and weights, on a GPU only; sums, logarithms and the result stay f32
+    F16,
 }
 
 /// What may be left out.
@@ -94,9 +96,10 @@ impl Skip {
 
 impl Precision {
     /// The library's name for it.
-    pub fn storage(self) -> synth::Precision {
+    pub fn storage(self) -> network::Precision {
         match self {
-            Self::F32 => synth::Precision::F32,
+            Self::F32 => network::Precision::F32,
+            Self::F16 => network::Precision::F16,
         }
     }
 }
@@ -120,7 +123,7 @@ impl Engine {
 
     /// Where it runs.
     pub fn backend(&self) -> Result<Backend> {
-        Backend::choose(self.executor.request(), self.adapter.as_deref())
+        Backend::choose(self.executor.request(), self.adapter.as_deref(), self.precision.storage())
     }
 
     /// What may be left out.
@@ -146,7 +149,7 @@ impl Engine {
             "weights": self.weights,
             "executor": backend.name(),
             "adapter": backend.adapter(),
-            "precision": "f32",
+            "precision": backend.precision().name(),
             "skip": self.skip().name(),
         }) else {
             unreachable!("an object was written")

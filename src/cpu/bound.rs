@@ -13,7 +13,7 @@ use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Simd, box_estimate, conv_transpose3d, conv3d, evaluate, features};
 use crate::Result;
 use crate::network::{
-    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, Step, Tensor,
+    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, Precision, Step, Tensor,
 };
 use crate::sensor::Calibration;
 
@@ -22,6 +22,14 @@ pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
 
 /// Unit round-off of tensors that are stored as f16.
 pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
+
+/// Unit round-off of what a kernel stores.
+fn storage(kernel: &Kernel, precision: Precision) -> f64 {
+    match precision {
+        Precision::F16 if kernel.follows_precision() => F16,
+        _ => F32,
+    }
+}
 
 /// The c of design §7. It covers second-order terms, and one more rounding to the storage precision, such as
 /// that of products in f16.
@@ -198,20 +206,20 @@ pub struct StepError {
 }
 
 /// Runs a window and compares the output of each step with the f64 twin's on the step's own inputs, as the executor
-/// read them. `storage` is the unit round-off of its tensors. The first step with a fraction above 1 is where the
-/// executor parts from its twin.
+/// read them, stored at `precision`. The first step with a fraction above 1 is where the executor parts from its twin.
 pub fn step_errors(
     executor: &mut dyn Executor,
     calibration: &Calibration,
     measurement: &[f32],
     schedule: i64,
-    storage: f64,
+    precision: Precision,
 ) -> Result<Vec<StepError>> {
     let mut errors = Vec::new();
     let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
         let schedule = step.schedule(schedule);
         let exact = evaluate(&step.kernel, &inputs, output.shape, calibration, schedule);
+        let storage = storage(&step.kernel, precision);
         let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
         let fraction = largest_fraction(output, &exact, &bound);
         errors.push(StepError { step: step.name.clone(), kernel: step.kernel.name(), fraction });

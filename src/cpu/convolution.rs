@@ -349,37 +349,22 @@ impl<R: Real> Panel<'_, '_, R> {
         let panel_width = VECTORS * lanes;
         let Packed { out_channels, group, bias, norm, .. } = self.layer;
         let channel = self.index * panel_width;
-        let vectors = |values: &[R]| -> [R::Vector<T>; VECTORS] {
-            std::array::from_fn(|i| R::Vector::<T>::load(target, &values[i * lanes..]))
-        };
-        let bias = vectors(&bias[channel..]);
-        let norm = norm.as_ref().map(|norm| norm.each_ref().map(|values| vectors(&values[channel..])));
+        let bias = &bias[channel..][..panel_width];
+        let norm = norm.as_ref().map(|norm| norm.each_ref().map(|values| &values[channel..][..panel_width]));
         // Channels of a result in this panel.
         let channels = channel..(*out_channels).min(channel + panel_width);
         let (t, first_row, width) = (self.rows.t, self.rows.y, self.rows.width());
         let sums = self.scratch.sums.chunks_exact_mut(panel_width);
         for (&[y, x], sums) in self.scratch.places.iter().zip(sums) {
-            let mut values = vectors(sums);
-            for i in 0..VECTORS {
-                values[i] = activation(values[i] + bias[i]);
-                if let Some([scale, shift]) = &norm {
-                    values[i] = values[i] * scale[i] + shift[i];
+            // Everything happens in place, and in one loop: closures that are called twice are not inlined.
+            for (i, sums) in sums.chunks_exact_mut(lanes).enumerate() {
+                let at = i * lanes;
+                let sum = R::Vector::<T>::load(target, sums);
+                let mut value = activation(sum + R::Vector::<T>::load(target, &bias[at..]));
+                if let Some([scale, shift]) = norm {
+                    let scale = R::Vector::<T>::load(target, &scale[at..]);
+                    value = value * scale + R::Vector::<T>::load(target, &shift[at..]);
                 }
-            }
-            if channels.len() == panel_width {
-                if let Some(added) = self.added {
-                    let added = &added.pixel(t, first_row + y, x)[channel..][..panel_width];
-                    for (value, added) in values.iter_mut().zip(vectors(added)) {
-                        *value = *value + added;
-                    }
-                }
-                let result = &mut self.rows.pixel(y, x)[channel..][..panel_width];
-                for (value, result) in values.iter().zip(result.chunks_exact_mut(lanes)) {
-                    value.store(result);
-                }
-                continue;
-            }
-            for (value, sums) in values.iter().zip(sums.chunks_exact_mut(lanes)) {
                 value.store(sums);
             }
             for (values, x) in sums.chunks_exact(channels.len()).zip(x..width).take(*group) {

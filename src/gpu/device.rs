@@ -4,9 +4,11 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use wgpu::{BufferUsages, ErrorFilter, Features, PollType};
 
+use super::kernels::WORKGROUP_SIZE;
+use super::variant::{Abilities, Variant};
 use super::{Adapter, AdapterChoice, GpuError};
 
-/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`kernels::zeros_len`).
+/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`Storage::zeros_bytes`).
 const MAX_ZEROS: u64 = 1 << 16;
 
 /// An open GPU. Cheap to clone; the clones share device and queue.
@@ -31,7 +33,9 @@ impl Gpu {
         let (wgpu_adapter, adapter) = choice.find()?;
         let request = wgpu_adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("pix2hdr"),
-            required_features: wgpu_adapter.features() & Features::TIMESTAMP_QUERY,
+            // Time stamps for benchmarks; each of the others makes some kernels faster.
+            required_features: wgpu_adapter.features()
+                & (Features::TIMESTAMP_QUERY | Features::SUBGROUP | Features::SHADER_INT64),
             required_limits: wgpu_adapter.limits(),
             ..Default::default()
         });
@@ -78,6 +82,28 @@ impl Gpu {
     /// Bytes of the largest buffer that a kernel can use.
     fn max_binding(&self) -> u64 {
         self.adapter.max_binding_bytes.min(self.adapter.max_buffer_bytes)
+    }
+
+    /// Whether convolutions can be divided in a given way here.
+    pub fn supports(&self, variant: Variant) -> bool {
+        let Abilities { subgroup, int64, .. } = self.abilities();
+        let Variant { pixels, vectors, lanes, wide } = variant;
+        let sums = pixels.saturating_mul(vectors);
+        (1..=Variant::MAX_SUMS).contains(&sums) && (lanes == 1 || lanes == subgroup) && (int64 || !wide)
+    }
+
+    /// What kernels can make use of.
+    pub(super) fn abilities(&self) -> Abilities {
+        let [smallest, largest] = self.adapter.subgroup_sizes;
+        let fixed = self.adapter.subgroups && smallest == largest;
+        // Lanes are told apart by a workgroup's invocation numbers.
+        let subgroup =
+            if fixed && WORKGROUP_SIZE.is_multiple_of(largest.max(1) as usize) { largest } else { 1 };
+        Abilities {
+            software: self.adapter.is_software(),
+            subgroup: subgroup.max(1) as usize,
+            int64: self.device.features().contains(Features::SHADER_INT64),
+        }
     }
 
     /// Gives the device up. Whatever still uses it fails with [`GpuError::Lost`].

@@ -3,19 +3,28 @@
 mod timing;
 
 use std::collections::{HashMap, VecDeque};
+use std::num::NonZero;
+use std::path::Path;
 use std::sync::mpsc::{self, Receiver};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use wgpu::{BufferUsages, MapMode};
 
-use super::kernels::{Call, Resource, Target, zeros_begin, zeros_len};
+use super::kernels::{Call, Resource, Target};
+use super::storage::{Format, Storage};
+use super::tune::Tuning;
+use super::variant::Variant;
+use super::weights::{loaded, stored};
 use super::{Gpu, GpuError};
-use crate::network::{Executor, Plan, Step, Tensor, View, WindowTime};
+use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
-/// Bytes of a value in a slot.
-const VALUE: usize = size_of::<f32>();
+/// Operations from which on a convolution is worth measuring.
+const WORTH_TUNING: f64 = 2e7;
+
+/// Bytes between the reports of overflow of two steps: bindings may begin at any multiple of it on every adapter.
+const OVERFLOW_STRIDE: u64 = 256;
 
 /// Runs one plan on a GPU.
 ///
@@ -26,8 +35,12 @@ const VALUE: usize = size_of::<f32>();
 pub struct GpuExecutor {
     gpu: Gpu,
     plan: Plan,
+    precision: Precision,
+    storage: Storage,
     slots: Vec<wgpu::Buffer>,
     steps: Vec<Recorded>,
+    /// What f16 could not hold, by step.
+    overflow: wgpu::Buffer,
     /// Uniform buffer with the schedule time in the pattern's period.
     schedule: wgpu::Buffer,
     period: usize,
@@ -41,11 +54,15 @@ pub struct GpuExecutor {
 /// Changes the specialised text of a step's shader.
 pub type Edit<'a> = &'a dyn Fn(&Step, &str) -> String;
 
-/// Choices that tests and measurements make in place of the executor.
+/// How a plan is run.
 #[derive(Clone, Copy, Default)]
-pub struct Overrides<'a> {
-    /// Pixels along x, and vectors of four output channels, that one invocation of a convolution computes.
-    pub block: Option<[usize; 2]>,
+pub struct Options<'a> {
+    /// How feature channels and weights are stored.
+    pub precision: Precision,
+    /// How convolutions are divided among invocations, instead of what the executor chooses.
+    pub variant: Option<Variant>,
+    /// Folder in which measured variants are kept; without one, nothing is measured.
+    pub tuned_in: Option<&'a Path>,
     /// What is compiled instead of a step's specialised shader, such as a shader that is broken on purpose.
     pub edit: Option<Edit<'a>>,
 }
@@ -70,6 +87,7 @@ struct InFlight {
 struct Download {
     buffer: wgpu::Buffer,
     view: View,
+    format: Format,
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
@@ -77,40 +95,46 @@ impl GpuExecutor {
     /// Windows that can be in flight at once.
     pub const IN_FLIGHT: usize = 2;
 
-    /// Prepares to run `plan` on what the calibrated camera measured.
+    /// Prepares to run `plan` at f32 on what the calibrated camera measured.
     pub fn new(gpu: &Gpu, plan: Plan, calibration: &Calibration) -> Result<Self, GpuError> {
-        Self::with_overrides(gpu, plan, calibration, &Overrides::default())
+        Self::with_options(gpu, plan, calibration, &Options::default())
     }
 
-    /// As [`GpuExecutor::new`], with some choices overridden.
-    pub fn with_overrides(
+    /// As [`GpuExecutor::new`], with options.
+    pub fn with_options(
         gpu: &Gpu,
         plan: Plan,
         calibration: &Calibration,
-        overrides: &Overrides<'_>,
+        options: &Options<'_>,
     ) -> Result<Self, GpuError> {
+        if let Some(variant) = options.variant.filter(|&variant| !gpu.supports(variant)) {
+            return Err(GpuError::Failed(format!("{} cannot run {variant:?}", gpu.name())));
+        }
+        let storage = Storage::new(&plan, options.precision);
         // Padding is read from zeros behind each slot's values, which nothing writes.
         let mut zeros = vec![0; plan.slots.len()];
         for step in &plan.steps {
             let slot = step.inputs[0].slot;
-            zeros[slot] = zeros_len(step).max(zeros[slot]);
+            zeros[slot] = Storage::zeros_bytes(step).max(zeros[slot]);
         }
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let slots = plan.slots.iter().zip(zeros).enumerate().map(|(index, (&len, zeros))| {
-            let values = (zeros_begin(len) + zeros).max(4);
-            gpu.buffer(&format!("slot {index} of '{}'", plan.name), (values * VALUE) as u64, usage)
+        let slots = storage.slot_bytes.iter().zip(zeros).enumerate().map(|(index, (&bytes, zeros))| {
+            gpu.buffer(&format!("slot {index} of '{}'", plan.name), (bytes + zeros).max(16) as u64, usage)
         });
         let slots = slots.collect::<Result<Vec<_>, _>>()?;
+        let overflow =
+            gpu.buffer("reports of overflow", plan.steps.len().max(1) as u64 * OVERFLOW_STRIDE, usage)?;
         let schedule = gpu.buffer("schedule", 16, BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
         let mut builder = Builder {
             gpu,
-            plan: &plan,
+            storage: &storage,
             slots: &slots,
+            overflow: &overflow,
             calibration,
             target: Target {
                 max_workgroups: gpu.device.limits().max_compute_workgroups_per_dimension,
-                software: gpu.adapter().is_software(),
-                block: overrides.block,
+                abilities: gpu.abilities(),
+                variant: options.variant,
             },
             inverse_response: gpu.storage("table of the inverse response", &calibration.inverse_response)?,
             exposures: gpu.storage("table of exposures", &calibration.exposures)?,
@@ -118,16 +142,24 @@ impl GpuExecutor {
             layouts: HashMap::new(),
             pipelines: HashMap::new(),
         };
+        let mut tuning = options.tuned_in.and_then(|folder| Tuning::open(gpu, folder));
         let steps = plan
             .steps
             .iter()
-            .map(|step| builder.record(step, overrides.edit))
+            .enumerate()
+            .map(|(index, step)| builder.record(index, step, options, tuning.as_mut()))
             .collect::<Result<Vec<_>, _>>()?;
+        if let Some(tuning) = tuning {
+            tuning.save();
+        }
         gpu.check()?;
         Ok(Self {
             gpu: gpu.clone(),
+            precision: options.precision,
+            storage,
             slots,
             steps,
+            overflow,
             schedule,
             period: calibration.period,
             upload: Vec::new(),
@@ -153,13 +185,17 @@ impl GpuExecutor {
         }
         self.upload(measurement, schedule)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.clear_buffer(&self.overflow, 0, None);
         Self::encode(&self.steps, &mut encoder);
         let view = self.plan.result;
+        let format = self.storage.result;
+        let reports = self.overflow.size();
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
-            None => self.staging(&view)?,
+            None => self.staging(&view, format, reports)?,
         };
-        let (download, submission) = self.download(view, buffer, encoder);
+        encoder.copy_buffer_to_buffer(&self.overflow, 0, &buffer, buffer.size() - reports, reports);
+        let (download, submission) = self.download(view, format, buffer, encoder);
         self.in_flight.push_back(InFlight { download, submission });
         Ok(())
     }
@@ -171,14 +207,25 @@ impl GpuExecutor {
             return Err(Error::Usage("no window is in flight".into()));
         };
         self.gpu.wait(submission)?;
-        download.read(&self.gpu, |values| {
+        let mut overflow = None;
+        download.read(&self.gpu, |values, reports| {
             for (result, value) in result.iter_mut().zip(values) {
                 // Only a net whose weights overflow gets here with anything else than a finite number.
                 *result = if value.is_finite() { value } else { 0.0 };
             }
+            overflow = self.first_overflow(reports);
         })?;
         self.free.push(download.buffer);
-        Ok(())
+        overflow.map_or(Ok(()), |overflow| Err(overflow.into()))
+    }
+
+    /// The first step whose result f16 could not hold.
+    fn first_overflow(&self, reports: &[u8]) -> Option<GpuError> {
+        let magnitudes =
+            reports.chunks(OVERFLOW_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
+        let (step, magnitude) =
+            self.plan.steps.iter().zip(magnitudes).find(|(_, magnitude)| *magnitude != 0.0)?;
+        Some(GpuError::Overflow { step: step.name.clone(), value: format!("{magnitude:e}") })
     }
 
     /// Uploads the measurement and the schedule. What is not finite counts as 0, so that no kernel meets NaN.
@@ -189,7 +236,11 @@ impl GpuExecutor {
         self.upload.clear();
         self.upload.extend(measurement.iter().map(|&y| if y.is_finite() { y.clamp(0.0, 1.0) } else { 0.0 }));
         let queue = &self.gpu.queue;
-        queue.write_buffer(&self.slots[slot], (offset * VALUE) as u64, bytemuck::cast_slice(&self.upload));
+        queue.write_buffer(
+            &self.slots[slot],
+            (offset * Format::F32.bytes()) as u64,
+            bytemuck::cast_slice(&self.upload),
+        );
         let phase = schedule.rem_euclid(self.period as i64) as u32;
         queue.write_buffer(&self.schedule, 0, bytemuck::cast_slice(&[phase, 0, 0, 0]));
         Ok(())
@@ -199,9 +250,9 @@ impl GpuExecutor {
         record(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), steps);
     }
 
-    /// A buffer that the values of `view` can be copied to.
-    fn staging(&self, view: &View) -> Result<wgpu::Buffer, GpuError> {
-        let bytes = (span(view) * VALUE) as u64;
+    /// A buffer that the values of `view`, and `more` bytes behind them, can be copied to.
+    fn staging(&self, view: &View, format: Format, more: u64) -> Result<wgpu::Buffer, GpuError> {
+        let bytes = copied_bytes(view, format) + more;
         self.gpu.buffer("result", bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)
     }
 
@@ -209,18 +260,25 @@ impl GpuExecutor {
     fn download(
         &self,
         view: View,
+        format: Format,
         buffer: wgpu::Buffer,
         mut encoder: wgpu::CommandEncoder,
     ) -> (Download, wgpu::SubmissionIndex) {
-        let (offset, bytes) = (view.offset * VALUE, span(&view) * VALUE);
-        encoder.copy_buffer_to_buffer(&self.slots[view.slot], offset as u64, &buffer, 0, bytes as u64);
+        let offset = (view.offset * format.bytes()) as u64;
+        encoder.copy_buffer_to_buffer(
+            &self.slots[view.slot],
+            offset,
+            &buffer,
+            0,
+            copied_bytes(&view, format),
+        );
         let submission = self.gpu.queue.submit([encoder.finish()]);
         let (sender, mapped) = mpsc::channel();
         buffer.map_async(MapMode::Read, .., move |outcome| {
             // Nobody listens if the executor is gone.
             let _ = sender.send(outcome);
         });
-        (Download { buffer, view, mapped }, submission)
+        (Download { buffer, view, format, mapped }, submission)
     }
 
     /// Runs one step.
@@ -231,12 +289,12 @@ impl GpuExecutor {
     }
 
     /// The tensor that a view shows.
-    fn tensor(&self, view: &View) -> Result<Tensor, GpuError> {
+    fn tensor(&self, view: &View, format: Format) -> Result<Tensor, GpuError> {
         let encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let (download, submission) = self.download(*view, self.staging(view)?, encoder);
+        let (download, submission) = self.download(*view, format, self.staging(view, format, 0)?, encoder);
         self.gpu.wait(submission)?;
         let mut data = Vec::with_capacity(view.shape.len());
-        download.read(&self.gpu, |values| data.extend(values))?;
+        download.read(&self.gpu, |values, _| data.extend(values))?;
         Ok(Tensor { shape: view.shape, data })
     }
 }
@@ -273,8 +331,11 @@ impl Executor for GpuExecutor {
         for (index, step) in self.plan.steps.iter().enumerate() {
             self.step(index);
             // A step does not write what it reads, so the inputs are still there.
-            let inputs = step.inputs.iter().map(|view| self.tensor(view)).collect::<Result<Vec<_>, _>>()?;
-            visit(step, &inputs, &self.tensor(&step.output)?);
+            let formats = &self.storage.steps[index];
+            let inputs = step.inputs.iter().zip(&formats.inputs);
+            let inputs =
+                inputs.map(|(view, &format)| self.tensor(view, format)).collect::<Result<Vec<_>, _>>()?;
+            visit(step, &inputs, &self.tensor(&step.output, formats.output)?);
         }
         Ok(())
     }
@@ -290,7 +351,7 @@ impl Executor for GpuExecutor {
     }
 
     fn describe(&self) -> String {
-        format!("{}, f32", self.gpu.name())
+        format!("{}, {}", self.gpu.name(), self.precision.name())
     }
 }
 
@@ -298,8 +359,12 @@ impl Executor for GpuExecutor {
 const CALLBACK_TIME: Duration = Duration::from_secs(10);
 
 impl Download {
-    /// Shows the values without padding channels. The submission must be done.
-    fn read(&self, gpu: &Gpu, visit: impl FnOnce(&mut dyn Iterator<Item = f32>)) -> Result<(), GpuError> {
+    /// Shows the values without padding channels, and the bytes behind them. The submission must be done.
+    fn read(
+        &self,
+        gpu: &Gpu,
+        visit: impl FnOnce(&mut dyn Iterator<Item = f32>, &[u8]),
+    ) -> Result<(), GpuError> {
         // Where several threads wait on one device, another one may be about to make the call that reports this map.
         match self.mapped.recv_timeout(CALLBACK_TIME) {
             Ok(Ok(())) => {}
@@ -311,9 +376,10 @@ impl Download {
         {
             let bytes =
                 self.buffer.get_mapped_range(..).map_err(|error| GpuError::Failed(error.to_string()))?;
-            let values: &[f32] = bytemuck::cast_slice(&bytes);
+            let (values, more) = bytes.split_at(copied_bytes(&self.view, self.format) as usize);
+            let values = loaded(&values[..span(&self.view) * self.format.bytes()], self.format);
             let channels = self.view.shape.c;
-            visit(&mut values.chunks(self.view.stride).flat_map(|pixel| &pixel[..channels]).copied());
+            visit(&mut values.chunks(self.view.stride).flat_map(|pixel| &pixel[..channels]).copied(), more);
         }
         self.buffer.unmap();
         Ok(())
@@ -332,8 +398,9 @@ fn record(pass: &mut wgpu::ComputePass<'_>, steps: &[Recorded]) {
 /// What steps are made from.
 struct Builder<'a> {
     gpu: &'a Gpu,
-    plan: &'a Plan,
+    storage: &'a Storage,
     slots: &'a [wgpu::Buffer],
+    overflow: &'a wgpu::Buffer,
     calibration: &'a Calibration,
     target: Target,
     inverse_response: wgpu::Buffer,
@@ -346,25 +413,82 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn record(&mut self, step: &Step, edit: Option<Edit<'_>>) -> Result<Recorded, GpuError> {
-        let device = &self.gpu.device;
-        let mut call = Call::new(step, &self.plan.slots, self.calibration, self.target)?;
-        if let Some(edit) = edit {
+    fn record(
+        &mut self,
+        index: usize,
+        step: &Step,
+        options: &Options<'_>,
+        tuning: Option<&mut Tuning>,
+    ) -> Result<Recorded, GpuError> {
+        let variant = match (options.variant, tuning) {
+            (None, Some(tuning)) if step.flop() >= WORTH_TUNING => self.tune(index, step, tuning)?,
+            (variant, _) => variant,
+        };
+        let mut call = self.call(index, step, variant)?;
+        if let Some(edit) = options.edit {
             call.text = edit(step, &call.text);
         }
+        self.bind(index, step, &call)
+    }
+
+    fn call(&self, index: usize, step: &Step, variant: Option<Variant>) -> Result<Call, GpuError> {
+        let target = Target { variant, ..self.target };
+        let Storage { steps, slot_bytes, .. } = self.storage;
+        Call::new(step, &steps[index], slot_bytes, self.calibration, target)
+    }
+
+    /// The fastest variant of a convolution, if there was time to find it.
+    fn tune(&mut self, index: usize, step: &Step, tuning: &mut Tuning) -> Result<Option<Variant>, GpuError> {
+        let gpu = self.gpu.clone();
+        let call = self.call(index, step, None)?;
+        let Some(extent) = call.extent else { return Ok(None) };
+        let candidates = Variant::candidates(extent, self.target.abilities);
+        let formats = &self.storage.steps[index];
+        let (input, output) = (step.inputs[0].slot, step.output.slot);
+        let mut expected: Option<Vec<f32>> = None;
+        let variant = tuning.variant(&gpu, &call.text, &candidates, |variant| {
+            if expected.is_none() {
+                let count = self.storage.slot_bytes[input] / formats.inputs[0].bytes();
+                let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
+                gpu.queue.write_buffer(&self.slots[input], 0, &stored(&values, formats.inputs[0]));
+            }
+            let recorded = self.bind(index, step, &self.call(index, step, Some(variant))?)?;
+            let time = time(&gpu, &recorded)?;
+            // Not every driver may number the invocations of a subgroup as teams want it.
+            let result =
+                loaded(&read(&gpu, &self.slots[output], self.storage.slot_bytes[output])?, formats.output);
+            let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
+            expected.get_or_insert(result);
+            Ok::<_, GpuError>(same.then_some(time))
+        })?;
+        if expected.is_some() {
+            let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            for slot in [input, output] {
+                encoder.clear_buffer(&self.slots[slot], 0, None);
+            }
+            gpu.queue.submit([encoder.finish()]);
+        }
+        Ok(variant)
+    }
+
+    /// Compiles a call and binds its buffers.
+    fn bind(&mut self, index: usize, step: &Step, call: &Call) -> Result<Recorded, GpuError> {
+        let device = &self.gpu.device;
         let (layout, pipeline_layout) =
-            self.layouts.entry(call.shader.name).or_insert_with(|| layouts(device, &call));
+            self.layouts.entry(call.shader.name).or_insert_with(|| layouts(device, call));
         if !self.pipelines.contains_key(&call.text) {
             let pipeline = self.gpu.pipeline(&step.name, &call.text, pipeline_layout)?;
             self.pipelines.insert(call.text.clone(), pipeline);
         }
-        let own =
-            |what: &str, values: &[f32]| self.gpu.storage(&format!("{what} of '{}'", step.name), values);
+        let name = |what: &str| format!("{what} of '{}'", step.name);
         let resources = call.shader.resources.iter().map(|resource| {
             Ok(match resource {
-                Resource::Weights => own("weights", &call.weights)?,
-                Resource::Terms => own("terms", &call.terms)?,
-                Resource::RenderedExposures => own("exposures", &call.rendered_exposures)?,
+                Resource::Weights => self.gpu.storage(&name("weights"), &call.weights)?,
+                Resource::Terms => self.gpu.storage(&name("terms"), &call.terms)?,
+                Resource::Overflow => self.overflow.clone(),
+                Resource::RenderedExposures => {
+                    self.gpu.storage(&name("exposures"), &call.rendered_exposures)?
+                }
                 Resource::InverseResponse => self.inverse_response.clone(),
                 Resource::Exposures => self.exposures.clone(),
                 Resource::Schedule => self.schedule.clone(),
@@ -372,13 +496,21 @@ impl Builder<'_> {
         });
         let resources = resources.collect::<Result<Vec<_>, GpuError>>()?;
         let slots = call.inputs.iter().chain([&step.output]).map(|view| &self.slots[view.slot]);
+        let report = wgpu::BufferBinding {
+            buffer: self.overflow,
+            offset: index as u64 * OVERFLOW_STRIDE,
+            size: NonZero::new(4),
+        };
+        let resources =
+            resources.iter().zip(call.shader.resources).map(|(buffer, resource)| match resource {
+                Resource::Overflow => wgpu::BindingResource::Buffer(report.clone()),
+                _ => buffer.as_entire_binding(),
+            });
         let entries: Vec<_> = slots
-            .chain(&resources)
+            .map(wgpu::Buffer::as_entire_binding)
+            .chain(resources)
             .enumerate()
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding: binding as u32,
-                resource: buffer.as_entire_binding(),
-            })
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource })
             .collect();
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(&step.name),
@@ -389,12 +521,54 @@ impl Builder<'_> {
     }
 }
 
+/// Time of one dispatch of a step: the shortest of several runs, each of them long enough to be measured.
+fn time(gpu: &Gpu, step: &Recorded) -> Result<Duration, GpuError> {
+    const LONG_ENOUGH: Duration = Duration::from_millis(3);
+    let run = |count: u32| {
+        let begun = Instant::now();
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        for _ in 0..count {
+            GpuExecutor::encode(std::slice::from_ref(step), &mut encoder);
+        }
+        gpu.wait(gpu.queue.submit([encoder.finish()]))?;
+        Ok(begun.elapsed())
+    };
+    run(1)?;
+    let once = run(1)?.max(Duration::from_micros(10));
+    let count = (LONG_ENOUGH.as_secs_f64() / once.as_secs_f64()).ceil() as u32;
+    let mut shortest = Duration::MAX;
+    for _ in 0..3 {
+        shortest = run(count)?.min(shortest);
+    }
+    Ok(shortest / count)
+}
+
+/// The first bytes of a buffer.
+fn read(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: usize) -> Result<Vec<u8>, GpuError> {
+    let copy = gpu.buffer("result", bytes as u64, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, bytes as u64);
+    let submission = gpu.queue.submit([encoder.finish()]);
+    copy.map_async(MapMode::Read, .., |_| {});
+    gpu.wait(submission)?;
+    let values = copy.get_mapped_range(..).map_err(|error| GpuError::Failed(error.to_string()))?;
+    Ok(values.to_vec())
+}
+
+/// Whether two variants computed the same, but for rounding.
+fn agree(a: &[f32], b: &[f32]) -> bool {
+    const TOLERANCE: f32 = 2e-3;
+    let scale = a.iter().fold(0.0f32, |largest, value| largest.max(value.abs()));
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= TOLERANCE * scale)
+}
+
 /// Layouts of a shader's bindings: inputs, output, resources.
 fn layouts(device: &wgpu::Device, call: &Call) -> (wgpu::BindGroupLayout, wgpu::PipelineLayout) {
     let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
     let inputs = call.inputs.iter().map(|_| storage(true));
     let resources = call.shader.resources.iter().map(|resource| match resource {
         Resource::Schedule => wgpu::BufferBindingType::Uniform,
+        Resource::Overflow => storage(false),
         _ => storage(true),
     });
     let entries: Vec<_> = inputs
@@ -422,6 +596,11 @@ fn layouts(device: &wgpu::Device, call: &Call) -> (wgpu::BindGroupLayout, wgpu::
 /// Values from the first pixel's first channel to the last pixel's last one.
 fn span(view: &View) -> usize {
     view.shape.pixels().checked_sub(1).map_or(0, |last| last * view.stride + view.shape.c)
+}
+
+/// Bytes that are copied to read the values of `view`: copies are made in units of four bytes.
+fn copied_bytes(view: &View, format: Format) -> u64 {
+    (span(view) * format.bytes()).next_multiple_of(4) as u64
 }
 
 fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {

@@ -3,18 +3,23 @@
 //! A shader is specialised by text, so that every loop bound and every stride is a constant for the driver's
 //! compiler. In front of it stands a generated header of constants: extents, offsets and strides of its tensors by
 //! the names in the table, the camera's tables, and the kernel's own parameters. Two things are expanded in the
-//! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p`, `$j`, `$k`, `$q` or
-//! `$c` is repeated for the parts of the [`Block`] that an invocation computes.
+//! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p`, `$j`, `$i`, `$w` or
+//! `$row` is repeated for the parts of the block that an invocation computes; lines between `#each $j` and `#end` are
+//! repeated together. The header also says how vectors of four channels are stored: for a tensor NAME it defines the
+//! type `NAME_VECTOR` and the function `name_values` or, for the output, `output_vector`.
 
 use std::fmt::Write;
+use std::ops::Range;
 
 use super::GpuError;
-use super::weights::{Packing, pack, pack_terms};
+use super::storage::{Format, LARGEST_F16, StepFormats, overflowing_weight};
+use super::variant::{Abilities, Extent, Variant};
+use super::weights::{Packing, pack, pack_terms, stored};
 use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
 use crate::sensor::Calibration;
 
 /// Invocations of a workgroup.
-const WORKGROUP_SIZE: usize = 64;
+pub(super) const WORKGROUP_SIZE: usize = 64;
 
 /// What a binding behind the output holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +28,8 @@ pub(super) enum Resource {
     Weights,
     /// Packed bias, scale and shift of the step.
     Terms,
+    /// The largest magnitude that did not fit the step's output, as the bits of an f32.
+    Overflow,
     /// Exposures of the step's channels.
     RenderedExposures,
     /// The calibration's table of R⁻¹.
@@ -32,7 +39,7 @@ pub(super) enum Resource {
     /// Schedule time of the window, in the pattern's period.
     Schedule,
 }
-use Resource::{Exposures, InverseResponse, RenderedExposures, Schedule, Terms, Weights};
+use Resource::{Exposures, InverseResponse, Overflow, RenderedExposures, Schedule, Terms, Weights};
 
 /// A shader: bindings are the inputs, the output, and the resources, in this order.
 #[derive(Debug)]
@@ -62,20 +69,21 @@ static SHADERS: [Shader; 8] = [
     shader!("box_estimate", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
     shader!("log_irradiance", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
     shader!("features", ["MEASUREMENT", "ESTIMATE", "LOGS"], [InverseResponse, Exposures, Schedule]),
-    shader!("conv3d", ["INPUT", "ADDED"], [Weights, Terms]),
-    shader!("conv_transpose3d", ["INPUT", "ADDED"], [Weights, Terms]),
+    shader!("conv3d", ["INPUT", "ADDED"], [Weights, Terms, Overflow]),
+    shader!("conv_transpose3d", ["INPUT", "ADDED"], [Weights, Terms, Overflow]),
     shader!("inverse_response", ["INPUT"], [InverseResponse, RenderedExposures]),
     shader!("fuse", ["WEIGHTS", "RENDERED"], []),
     shader!("blend", ["WEIGHTS", "LOGS", "ESTIMATE"], []),
 ];
 
 /// Pieces that shaders share.
-static PIECES: [(&str, &str); 6] = [
+static PIECES: [(&str, &str); 7] = [
     ("dispatch", include_str!("../../shaders/common/dispatch.wgsl")),
     ("epilogue", include_str!("../../shaders/common/epilogue.wgsl")),
     ("exposure", include_str!("../../shaders/common/exposure.wgsl")),
     ("inverse_response", include_str!("../../shaders/common/inverse_response.wgsl")),
     ("products", include_str!("../../shaders/common/products.wgsl")),
+    ("team", include_str!("../../shaders/common/team.wgsl")),
     ("tone", include_str!("../../shaders/common/tone.wgsl")),
 ];
 
@@ -90,23 +98,12 @@ pub(super) struct Call {
     pub inputs: Vec<View>,
     /// Workgroups along x and y.
     pub workgroups: [u32; 2],
+    /// Size of a convolution.
+    pub extent: Option<Extent>,
     /// Contents of those resources that belong to the step.
-    pub weights: Vec<f32>,
+    pub weights: Vec<u8>,
     pub terms: Vec<f32>,
     pub rendered_exposures: Vec<f32>,
-}
-
-/// What one invocation of a convolution computes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Block {
-    /// Neighbours along x.
-    pixels: usize,
-    /// Vectors of four output channels.
-    vectors: usize,
-    /// Taps along x that are computed together.
-    taps: usize,
-    /// Inputs between neighbouring pixels.
-    stride: usize,
 }
 
 /// What shapes a call besides the step.
@@ -114,41 +111,31 @@ struct Block {
 pub(super) struct Target {
     /// Workgroups along one dimension of a dispatch.
     pub max_workgroups: u32,
-    /// Whether the adapter computes on the CPU.
-    pub software: bool,
-    /// Pixels and vectors of a block, if they are not to be chosen by size.
-    pub block: Option<[usize; 2]>,
-}
-
-/// Where the zeros behind the values of a slot begin, in values. Convolutions read them in place of padding.
-pub(super) fn zeros_begin(slot_len: usize) -> usize {
-    slot_len.next_multiple_of(4)
-}
-
-/// How many zeros a slot needs behind its values so that `step` can read one pixel of padding.
-pub(super) fn zeros_len(step: &Step) -> usize {
-    match step.kernel {
-        Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => step.inputs[0].shape.c.next_multiple_of(4),
-        _ => 0,
-    }
+    /// What the adapter can do.
+    pub abilities: Abilities,
+    /// How convolutions are divided, if that is not to be chosen by size.
+    pub variant: Option<Variant>,
 }
 
 impl Call {
-    /// Specialises the shader of `step`. `slots` are the sizes of the plan's slots.
+    /// Specialises the shader of `step`. `slot_bytes` are the sizes of the plan's slots without zeros.
     pub fn new(
         step: &Step,
-        slots: &[usize],
+        formats: &StepFormats,
+        slot_bytes: &[usize],
         calibration: &Calibration,
         target: Target,
     ) -> Result<Self, GpuError> {
         let shader = shader(&step.kernel);
         let mut inputs = step.inputs.clone();
         inputs.resize(shader.inputs.len(), inputs[0]);
+        let mut input_formats = formats.inputs.clone();
+        input_formats.resize(inputs.len(), input_formats[0]);
         let mut header = Header::default();
-        for (name, view) in shader.inputs.iter().zip(&inputs) {
-            header.view(name, view, slots[view.slot])?;
+        for ((name, view), &format) in shader.inputs.iter().zip(&inputs).zip(&input_formats) {
+            header.view(name, view, format, slot_bytes[view.slot])?;
         }
-        header.view("OUTPUT", &step.output, slots[step.output.slot])?;
+        header.view("OUTPUT", &step.output, formats.output, slot_bytes[step.output.slot])?;
         header.float("SATURATED", SATURATED);
         header.float("MU", MU);
         header.float("LN_1P_MU", MU.ln_1p());
@@ -160,7 +147,8 @@ impl Call {
 
         let output = step.output.shape;
         let output_vectors = output.c.div_ceil(4);
-        let mut block = Block::SINGLE;
+        let mut variant = Variant::SINGLE;
+        let mut layer = None;
         let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), Vec::new(), Vec::new());
         let invocations = match &step.kernel {
             Kernel::BoxEstimate | Kernel::LogIrradiance | Kernel::Fuse => output.pixels(),
@@ -174,26 +162,37 @@ impl Call {
             Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv) => {
                 let transposed = matches!(step.kernel, Kernel::ConvTranspose3d(_));
                 // The pixels that blocks lie in: of a transposed convolution those of its input, for each phase.
-                let (extent, phases) =
+                let (shape, phases) =
                     if transposed { (inputs[0].shape, conv.stride.iter().product()) } else { (output, 1) };
-                let rows = if conv.in_channels < 4 {
-                    conv.in_channels
-                } else {
-                    conv.in_channels.next_multiple_of(4)
+                let extent =
+                    Extent { frames: phases * shape.t, frame: shape.y * shape.x, vectors: output_vectors };
+                layer = Some(extent);
+                variant = match target.variant {
+                    Some(variant) => variant.fit(extent),
+                    None => Variant::choose(extent, target.abilities),
                 };
-                block = Block::for_layer(conv, transposed, phases * extent.pixels(), extent.x, target);
-                let groups = output_vectors.div_ceil(block.vectors);
-                let blocks_x = extent.x.div_ceil(block.pixels);
-                let packing = Packing { rows, vectors: groups * block.vectors };
-                header.convolution(conv, packing, step.inputs.len() > 1);
-                header.int("PIXELS", block.pixels);
-                header.int("TAPS", block.taps);
-                header.int("COLUMN_STEP", block.column_step());
+                let groups = variant.groups(extent);
+                let packing = Packing { groups, vectors: variant.vectors, lanes: variant.lanes };
+                header.convolution(conv, step.inputs.len() > 1);
+                header.values("INPUT", input_formats[0], variant.wide);
+                header.values("ADDED", input_formats[1], variant.wide);
+                header.values("WEIGHTS", formats.weights, variant.wide);
+                header.int("PIXELS", variant.pixels);
+                header.int("LANES", variant.lanes);
+                header.int("LOADS", variant.loads());
                 header.int("GROUPS", groups);
-                header.int("BLOCKS_X", blocks_x);
-                weights = pack(conv, transposed, packing);
+                header.int("BLOCKS", variant.blocks(extent));
+                header.int("FRAME", extent.frame);
+                header.int("TAP_WEIGHTS", packing.tap(conv.in_channels));
+                header.int("TERM_VECTORS", packing.out_vectors());
+                header.boolean("LIMITED", formats.output == Format::F16);
+                header.float("LIMIT", LARGEST_F16 as f64);
+                if let (Format::F16, Some(weight)) = (formats.weights, overflowing_weight(conv)) {
+                    return Err(GpuError::Overflow { step: step.name.clone(), value: weight.to_string() });
+                }
+                weights = stored(&pack(conv, transposed, packing), formats.weights);
                 terms = pack_terms(conv, packing);
-                phases * extent.t * extent.y * blocks_x * groups
+                variant.teams(extent) * variant.lanes
             }
             Kernel::InverseResponse { exposures } => {
                 rendered_exposures.clone_from(exposures);
@@ -214,86 +213,15 @@ impl Call {
         header.unsigned("WORKGROUP_SIZE", WORKGROUP_SIZE);
         header.unsigned("WORKGROUPS_X", workgroups[0] as usize);
         header.int("INVOCATIONS", invocations);
-        let text = format!("{}\n{}", header.0, expand(shader.text, block));
-        Ok(Self { shader, text, inputs, workgroups, weights, terms, rendered_exposures })
+        let text = format!("{}\n{}", header.0, expand(shader.text, variant));
+        Ok(Self { shader, text, inputs, workgroups, extent: layer, weights, terms, rendered_exposures })
     }
 }
 
-impl Block {
-    /// The block of kernels other than convolutions.
-    const SINGLE: Self = Self { pixels: 1, vectors: 1, taps: 1, stride: 1 };
-
-    /// Pixels and vectors, largest first. Larger blocks load less per operation, smaller ones keep more of a GPU
-    /// busy. Software loads a hundred times slower than it multiplies, but compiles large blocks for seconds.
-    const HARDWARE: [[usize; 2]; 4] = [[8, 2], [4, 2], [4, 1], [2, 1]];
-    const SOFTWARE: [[usize; 2]; 3] = [[16, 2], [8, 2], [2, 1]];
-    /// Invocations that are enough to keep the adapter busy.
-    const ENOUGH_HARDWARE: usize = 8192;
-    const ENOUGH_SOFTWARE: usize = 128;
-    /// Taps times input channels that are computed together at most, which bounds the length of the code.
-    const MAX_ROWS: usize = 12;
-
-    /// A block for a layer with `results` pixels in rows of `width`.
-    fn for_layer(
-        conv: &ConvolutionStep,
-        transposed: bool,
-        results: usize,
-        width: usize,
-        target: Target,
-    ) -> Self {
-        let layer_vectors = conv.out_channels.div_ceil(4);
-        // Balanced, so that the last block of a row is nearly full.
-        let fit = |[pixels, vectors]: [usize; 2]| {
-            [width.div_ceil(width.div_ceil(pixels)), vectors.min(layer_vectors)]
-        };
-        let (blocks, enough) = if target.software {
-            (&Self::SOFTWARE[..], Self::ENOUGH_SOFTWARE)
-        } else {
-            (&Self::HARDWARE[..], Self::ENOUGH_HARDWARE)
-        };
-        let invocations = |[pixels, vectors]: [usize; 2]| {
-            (results / width) * width.div_ceil(pixels) * layer_vectors.div_ceil(vectors)
-        };
-        let large_enough = || {
-            let mut fitted = blocks.iter().map(|&block| fit(block));
-            let smallest = fit(blocks[blocks.len() - 1]);
-            fitted.find(|&block| invocations(block) >= enough).unwrap_or(smallest)
-        };
-        let [pixels, vectors] = target.block.map_or_else(large_enough, fit);
-        // Which taps a transposed convolution has depends on the phase, so it takes them one by one.
-        let together = !transposed && conv.kernel[2] * conv.in_channels.min(4) <= Self::MAX_ROWS;
-        let taps = if together { conv.kernel[2] } else { 1 };
-        Self { pixels, vectors, taps, stride: if transposed { 1 } else { conv.stride[2] } }
-    }
-
-    /// Input columns that the block depends on at once: neighbours where several taps share them.
-    fn columns(self) -> usize {
-        if self.taps == 1 { self.pixels } else { (self.pixels - 1) * self.stride + self.taps }
-    }
-
-    /// Inputs between neighbouring columns.
-    fn column_step(self) -> usize {
-        if self.taps == 1 { self.stride } else { 1 }
-    }
-
-    /// The column that tap `k` of pixel `p` reads.
-    fn column(self, p: usize, k: usize) -> usize {
-        if self.taps == 1 { p } else { p * self.stride + k }
-    }
-}
-
+/// The shader of the same name.
 fn shader(kernel: &Kernel) -> &'static Shader {
-    let name = match kernel {
-        Kernel::BoxEstimate => "box_estimate",
-        Kernel::LogIrradiance => "log_irradiance",
-        Kernel::Features { .. } => "features",
-        Kernel::Conv3d(_) => "conv3d",
-        Kernel::ConvTranspose3d(_) => "conv_transpose3d",
-        Kernel::InverseResponse { .. } => "inverse_response",
-        Kernel::Fuse => "fuse",
-        Kernel::Blend { .. } => "blend",
-    };
-    SHADERS.iter().find(|shader| shader.name == name).expect("every kernel has a line in the table")
+    let shader = SHADERS.iter().find(|shader| shader.name == kernel.name());
+    shader.expect("every kernel has a line in the table")
 }
 
 /// Shaders count in i32.
@@ -312,7 +240,7 @@ fn fold(count: usize, max: u32) -> [u32; 2] {
 }
 
 /// Replaces `#paste` lines, then repeats lines for the parts of a block.
-fn expand(text: &str, block: Block) -> String {
+fn expand(text: &str, variant: Variant) -> String {
     let pasted = text.lines().flat_map(|line| match line.trim().strip_prefix("#paste ") {
         Some(name) => {
             let (_, piece) =
@@ -322,26 +250,55 @@ fn expand(text: &str, block: Block) -> String {
         None => vec![line],
     });
     let mut expanded = String::new();
+    // Lines that are repeated together.
+    let mut each: Option<Vec<&str>> = None;
     for line in pasted {
         // Comments explain the parts and stand once.
         let line = line.split("//").next().unwrap_or_default().trim_end();
-        let count = |tokens: &[&str], count| if tokens.iter().any(|t| line.contains(t)) { count } else { 1 };
-        for k in 0..count(&["$k", "$c"], block.taps) {
-            for j in 0..count(&["$j"], block.vectors) {
-                for q in 0..count(&["$q"], block.columns()) {
-                    for p in 0..count(&["$p", "$c"], block.pixels) {
-                        let parts = [("$k", k), ("$j", j), ("$q", q), ("$p", p), ("$c", block.column(p, k))];
-                        let repeated = parts.iter().fold(line.to_owned(), |line, (token, value)| {
-                            line.replace(token, &value.to_string())
-                        });
-                        expanded.push_str(&repeated);
-                        expanded.push('\n');
+        match (line.trim(), &mut each) {
+            ("#each $j", _) => each = Some(Vec::new()),
+            ("#end", _) => {
+                let lines = each.take().unwrap_or_default();
+                for j in 0..variant.vectors {
+                    for line in &lines {
+                        repeat(line, variant, j..j + 1, &mut expanded);
                     }
                 }
+            }
+            (_, Some(lines)) => lines.push(line),
+            (_, None) => {
+                let vectors = if line.contains("$j") { variant.vectors } else { 1 };
+                repeat(line, variant, 0..vectors, &mut expanded);
             }
         }
     }
     expanded
+}
+
+/// Writes `line` for each of the `vectors`, and for each of the other parts of a block that it names.
+fn repeat(line: &str, variant: Variant, vectors: Range<usize>, expanded: &mut String) {
+    let count = |tokens: &[&str], count| if tokens.iter().any(|t| line.contains(t)) { count } else { 1 };
+    for j in vectors {
+        for p in 0..count(&["$p"], variant.pixels) {
+            for w in 0..count(&["$w"], variant.loads()) {
+                for i in 0..count(&["$i", "$x", "$row"], 4) {
+                    let row = 4 * j + i;
+                    let row = match variant.lanes {
+                        1 => format!("loaded_{row}"),
+                        lanes => format!("subgroupBroadcast(loaded_{}, {}u)", row / lanes, row % lanes),
+                    };
+                    let parts = [("$row", row.as_str()), ("$x", ["x", "y", "z", "w"][i])];
+                    let line =
+                        parts.iter().fold(line.to_owned(), |line, (token, to)| line.replace(token, to));
+                    let numbers = [("$j", j), ("$p", p), ("$w", w), ("$i", i)];
+                    let line =
+                        numbers.iter().fold(line, |line, (token, n)| line.replace(token, &n.to_string()));
+                    expanded.push_str(&line);
+                    expanded.push('\n');
+                }
+            }
+        }
+    }
 }
 
 /// The constants in front of a shader.
@@ -377,8 +334,8 @@ impl Header {
 
     /// Extents and place of a tensor. Feature tensors are bound as vectors of four channels and counted in them,
     /// tensors of one value a pixel as single values.
-    fn view(&mut self, name: &str, view: &View, slot_len: usize) -> Result<(), GpuError> {
-        checked(name, slot_len)?;
+    fn view(&mut self, name: &str, view: &View, format: Format, slot_bytes: usize) -> Result<(), GpuError> {
+        checked(name, slot_bytes / format.bytes())?;
         let unit = if view.stride == 1 { 1 } else { 4 };
         debug_assert!(view.offset.is_multiple_of(unit) && view.stride.is_multiple_of(unit), "{view:?}");
         self.extents(name, view.shape.extent());
@@ -386,8 +343,42 @@ impl Header {
         self.int(&format!("{name}_VECTORS"), view.shape.c.div_ceil(4));
         self.int(&format!("{name}_OFFSET"), view.offset / unit);
         self.int(&format!("{name}_STRIDE"), view.stride / unit);
-        self.int(&format!("{name}_ZEROS"), zeros_begin(slot_len) / unit);
+        self.int(&format!("{name}_ZEROS"), slot_bytes / (unit * format.bytes()));
+        if name == "OUTPUT" && unit == 4 {
+            let (vector, stored) = match format {
+                Format::F32 => ("vec4<f32>", "return v;".to_owned()),
+                // What does not fit is reported elsewhere, and must stay finite here.
+                Format::F16 => (
+                    "vec2<u32>",
+                    format!(
+                        "let c = clamp(v, vec4<f32>(-{LARGEST_F16:?}f), vec4<f32>({LARGEST_F16:?}f)); \
+                         return vec2<u32>(pack2x16float(c.xy), pack2x16float(c.zw));"
+                    ),
+                ),
+            };
+            let _ = writeln!(self.0, "alias OUTPUT_VECTOR = {vector};");
+            let _ = writeln!(self.0, "fn output_vector(v: vec4<f32>) -> OUTPUT_VECTOR {{ {stored} }}");
+        }
         Ok(())
+    }
+
+    /// How vectors of four values are stored and loaded.
+    fn values(&mut self, name: &str, format: Format, wide: bool) {
+        let (vector, values) = match (format, wide) {
+            (Format::F32, false) => ("vec4<f32>", "v"),
+            (Format::F32, true) => (
+                "vec2<u64>",
+                "bitcast<vec4<f32>>(vec4<u32>(u32(v.x), u32(v.x >> 32u), u32(v.y), u32(v.y >> 32u)))",
+            ),
+            (Format::F16, false) => ("vec2<u32>", "vec4<f32>(unpack2x16float(v.x), unpack2x16float(v.y))"),
+            (Format::F16, true) => {
+                ("u64", "vec4<f32>(unpack2x16float(u32(v)), unpack2x16float(u32(v >> 32u)))")
+            }
+        };
+        let function = name.to_lowercase();
+        let _ = writeln!(self.0, "alias {name}_VECTOR = {vector};");
+        let _ =
+            writeln!(self.0, "fn {function}_values(v: {name}_VECTOR) -> vec4<f32> {{ return {values}; }}");
     }
 
     /// The channels of a pixel: which feature each is, and how many frames later.
@@ -414,13 +405,10 @@ impl Header {
         self.line(name, &type_name, format_args!("{type_name}({})", list.join(", ")));
     }
 
-    fn convolution(&mut self, conv: &ConvolutionStep, packing: Packing, add: bool) {
+    fn convolution(&mut self, conv: &ConvolutionStep, add: bool) {
         self.extents("KERNEL", conv.kernel);
         self.extents("STRIDE", conv.stride);
         self.extents("PADDING", conv.padding);
-        self.int("WEIGHT_ROWS", packing.rows);
-        self.int("WEIGHT_VECTORS", packing.vectors);
-        self.int("TAP_WEIGHTS", packing.rows * packing.vectors);
         self.boolean("NORM", conv.layer.norm.is_some());
         self.boolean("ADD", add);
         let (activation, parameter) = match conv.activation {
@@ -453,18 +441,24 @@ mod tests {
 
     #[test]
     fn lines_are_repeated_for_pixels_and_vectors() {
-        let block = Block { pixels: 2, vectors: 2, taps: 1, stride: 1 };
+        let variant = Variant { pixels: 2, vectors: 2, lanes: 1, wide: false };
         let text = "a_$p += b_$j; // $p\nc\n    #paste dispatch";
-        let expanded = expand(text, block);
+        let expanded = expand(text, variant);
         let expected = "a_0 += b_0;\na_1 += b_0;\na_0 += b_1;\na_1 += b_1;\nc\n";
         assert!(expanded.starts_with(expected), "{expanded}");
         assert!(expanded.contains("fn invocation_index"));
+        let together = expand("#each $j\na_$j\nb_$j\n#end", variant);
+        assert_eq!(together, "a_0\nb_0\na_1\nb_1\n");
+        // Eight rows of weights, of which five lanes load two each.
+        let rows = expand("$j.$x = $row;", Variant { lanes: 5, ..variant });
+        assert!(rows.starts_with("0.x = subgroupBroadcast(loaded_0, 0u);\n"), "{rows}");
+        assert!(rows.ends_with("1.w = subgroupBroadcast(loaded_1, 2u);\n"), "{rows}");
     }
 
     #[test]
     fn every_paste_is_in_the_table() {
         for shader in &SHADERS {
-            let text = expand(shader.text, Block { pixels: 2, vectors: 3, taps: 3, stride: 2 });
+            let text = expand(shader.text, Variant { pixels: 2, vectors: 3, lanes: 8, wide: false });
             assert!(!text.contains('#') && !text.contains('$'), "{}", shader.name);
         }
     }

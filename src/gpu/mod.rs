@@ -8,11 +8,17 @@ mod device;
 mod executor;
 mod kernels;
 mod probe;
+mod storage;
+mod tune;
+mod variant;
 mod weights;
 
 pub use adapter::{Adapter, AdapterChoice, adapters};
 pub use device::Gpu;
-pub use executor::{Edit, GpuExecutor, Overrides};
+pub use executor::{Edit, GpuExecutor, Options};
+pub use storage::{Format, StepFormats, Storage};
+pub use tune::cache_folder;
+pub use variant::Variant;
 
 /// What can go wrong with a GPU.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -54,6 +60,14 @@ pub enum GpuError {
         step: String,
         /// What is wrong with it.
         problem: String,
+    },
+    /// A number is too large for the precision that was asked for.
+    #[error("f16 cannot hold {value} of '{step}'; use --precision f32")]
+    Overflow {
+        /// The step of the plan.
+        step: String,
+        /// The number.
+        value: String,
     },
     /// The device is gone: driver reset, unplugged, or hung.
     #[error("the GPU was lost: {0}")]

@@ -14,6 +14,26 @@ pub struct WindowTime {
     pub device: Option<Duration>,
 }
 
+/// How tensors of feature channels and weights are stored; all arithmetic is f32, and so are scalars.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Precision {
+    /// 32 bits.
+    #[default]
+    F32,
+    /// 16 bits.
+    F16,
+}
+
+impl Precision {
+    /// Its name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::F16 => "f16",
+        }
+    }
+}
+
 /// Runs one [`Plan`](super::Plan), window after window.
 pub trait Executor: Send {
     /// Runs all steps on one window.

@@ -11,7 +11,7 @@ mod plan;
 pub mod presets;
 mod tensor;
 
-pub use executor::{Executor, WindowTime};
+pub use executor::{Executor, Precision, WindowTime};
 pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Tap, Window};
 pub use model::{Layer, Model, Trained};
 pub use plan::{Channel, ConvolutionStep, Kernel, Plan, Step, View};

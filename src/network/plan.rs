@@ -87,6 +87,12 @@ impl Kernel {
             Self::Blend { .. } => "blend",
         }
     }
+
+    /// Whether its feature channels and weights are stored at an executor's precision. What other kernels read and write
+    /// is f32 always: irradiance, and what the kernels behind a net make of its last layer (design §7).
+    pub fn follows_precision(&self) -> bool {
+        matches!(self, Self::Features { .. } | Self::Conv3d(_) | Self::ConvTranspose3d(_))
+    }
 }
 
 /// A channel of [`Kernel::Features`].

@@ -2,8 +2,8 @@
 
 use super::tiles::Limits;
 use crate::cpu::CpuExecutor;
-use crate::gpu::{AdapterChoice, Gpu, GpuExecutor};
-use crate::network::{Executor, Plan};
+use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options, cache_folder};
+use crate::network::{Executor, Plan, Precision};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -19,20 +19,12 @@ pub enum Request {
     Cpu,
 }
 
-/// How numbers are stored on the way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
-    /// 32 bits.
-    #[default]
-    F32,
-}
-
 /// Where a net runs.
 #[derive(Clone)]
 pub enum Backend {
-    /// On a GPU.
-    Gpu(Gpu),
-    /// On all cores.
+    /// On a GPU, with feature channels and weights stored at a precision.
+    Gpu(Gpu, Precision),
+    /// On all cores, at f32.
     Cpu,
 }
 
@@ -40,39 +32,59 @@ pub enum Backend {
 const CPU_BYTES: u64 = 2 << 30;
 
 impl Backend {
-    /// The backend that a request gets; `adapter` is a part of an adapter's name.
-    pub fn choose(request: Request, adapter: Option<&str>) -> Result<Self> {
+    /// The backend that a request gets; `adapter` is a part of an adapter's name. The CPU executor knows f32 alone.
+    pub fn choose(request: Request, adapter: Option<&str>, precision: Precision) -> Result<Self> {
         let choice =
             AdapterChoice { substring: adapter.map(str::to_owned), allow_software: request == Request::Gpu };
         match request {
             Request::Cpu if adapter.is_some() => {
                 Err(Error::Usage("--adapter names a GPU, but --executor cpu was asked for".into()))
             }
+            Request::Cpu if precision != Precision::F32 => {
+                Err(Error::Usage(format!("the CPU executor has no {}, only f32", precision.name())))
+            }
             Request::Cpu => Ok(Self::Cpu),
             // A named adapter must be there; without a name, the absence of a GPU is what `auto` is for.
             Request::Auto if adapter.is_none() => match Gpu::open(&choice) {
-                Ok(gpu) => Ok(Self::Gpu(gpu)),
+                Ok(gpu) => Ok(Self::Gpu(gpu, precision)),
+                Err(error) if precision != Precision::F32 => Err(Error::Usage(format!(
+                    "{} needs a GPU (--executor gpu takes software Vulkan too): {error}",
+                    precision.name()
+                ))),
                 Err(error) => {
                     tracing::info!("no GPU is used: {error}");
                     Ok(Self::Cpu)
                 }
             },
-            Request::Auto | Request::Gpu => Ok(Self::Gpu(Gpu::open(&choice)?)),
+            Request::Auto | Request::Gpu => Ok(Self::Gpu(Gpu::open(&choice)?, precision)),
         }
     }
 
     /// An executor of `plan`.
     pub fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Executor>> {
         Ok(match self {
-            Self::Gpu(gpu) => Box::new(GpuExecutor::new(gpu, plan, calibration)?),
+            Self::Gpu(gpu, precision) => {
+                let folder = cache_folder();
+                let options =
+                    Options { precision: *precision, tuned_in: folder.as_deref(), ..Options::default() };
+                Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?)
+            }
             Self::Cpu => Box::new(CpuExecutor::<f32>::new(plan, calibration.clone())),
         })
+    }
+
+    /// The same place at another precision; `None` where there is no such executor.
+    pub fn at(&self, precision: Precision) -> Option<Self> {
+        match self {
+            Self::Gpu(gpu, _) => Some(Self::Gpu(gpu.clone(), precision)),
+            Self::Cpu => (precision == Precision::F32).then_some(Self::Cpu),
+        }
     }
 
     /// What limits a tile here.
     pub fn limits(&self, side: Option<usize>) -> Limits {
         match self {
-            Self::Gpu(gpu) => {
+            Self::Gpu(gpu, _) => {
                 Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), side }
             }
             Self::Cpu => Limits { buffer: CPU_BYTES, total: CPU_BYTES, side },
@@ -82,7 +94,7 @@ impl Backend {
     /// Name of the executor: `gpu` or `cpu`.
     pub fn name(&self) -> &'static str {
         match self {
-            Self::Gpu(_) => "gpu",
+            Self::Gpu(..) => "gpu",
             Self::Cpu => "cpu",
         }
     }
@@ -90,8 +102,32 @@ impl Backend {
     /// Name of the adapter, if there is one.
     pub fn adapter(&self) -> Option<String> {
         match self {
-            Self::Gpu(gpu) => Some(gpu.adapter().name.clone()),
+            Self::Gpu(gpu, _) => Some(gpu.adapter().name.clone()),
             Self::Cpu => None,
+        }
+    }
+
+    /// How feature channels and weights are stored.
+    pub fn precision(&self) -> Precision {
+        match self {
+            Self::Gpu(_, precision) => *precision,
+            Self::Cpu => Precision::F32,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn f16_is_never_replaced_silently() {
+        let refusal = Backend::choose(Request::Cpu, None, Precision::F16).err().unwrap().to_string();
+        assert!(refusal.contains("f16") && !refusal.contains('\n'), "{refusal}");
+        // Without a real GPU, `auto` would take the CPU executor.
+        match Backend::choose(Request::Auto, None, Precision::F16) {
+            Ok(backend) => assert_eq!(backend.precision(), Precision::F16),
+            Err(error) => assert!(error.to_string().contains("f16 needs a GPU"), "{error}"),
         }
     }
 }

@@ -20,7 +20,7 @@ mod synthesizer;
 pub mod tiles;
 pub mod windows;
 
-pub use backend::{Backend, Precision, Request};
+pub use backend::{Backend, Request};
 pub use cover::Active;
 pub use line::ResultFrame;
 pub use report::{Audit, Report, Skipped};

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use pix2hdr::gpu::{AdapterChoice, Gpu};
+use pix2hdr::gpu::{AdapterChoice, Gpu, Variant};
 use pix2hdr::network::{Graph, Model, Plan};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
@@ -17,6 +17,26 @@ pub fn gpu() -> &'static Gpu {
             panic!("the GPU tests need a Vulkan driver; mesa-vulkan-drivers has a software one: {error}")
         })
     })
+}
+
+/// Ways to divide a convolution that the adapter can run, whatever the layer: blocks of all shapes, alone and in teams,
+/// with narrow and wide loads.
+#[allow(dead_code, reason = "each test file uses a part of this module")]
+pub fn variants() -> Vec<Variant> {
+    let [_, lanes] = gpu().adapter().subgroup_sizes;
+    let all = [
+        (1, 1, 1, false),
+        (3, 3, 1, true),
+        (8, 2, 1, false),
+        (1, 1, lanes, true),
+        (3, 2, lanes, false),
+        (2, 8, lanes, true),
+    ]
+    .map(|(pixels, vectors, lanes, wide)| Variant { pixels, vectors, lanes: lanes as usize, wide });
+    let supported: Vec<Variant> = all.into_iter().filter(|&variant| gpu().supports(variant)).collect();
+    let software = gpu().adapter().is_software();
+    assert!(!software || supported.len() == all.len(), "software Vulkan runs {supported:?} only");
+    supported
 }
 
 /// Tables of a camera with different exposures at all places and times of its pattern, and a response that bends.
