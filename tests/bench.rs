@@ -147,7 +147,7 @@ fn requests_that_cannot_be_met_are_refused() {
     for (arguments, word) in [
         (&["--scene", "nonesuch"][..], "nonesuch"),
         (&["--presets", "nonesuch"], "nonesuch"),
-        (&["--presets", "fast", "--executor", "cpu", "--block", "4x2"], "--block"),
+        (&["--presets", "fast", "--executor", "cpu", "--variant", "4x2"], "--variant"),
         (&["--executor", "gpu", "--adapter", "nonesuch"], "nonesuch"),
     ] {
         let out = tempfile::tempdir().unwrap();

@@ -228,42 +228,45 @@ impl Graph {
         let mut known: HashMap<&str, ([usize; 3], [usize; 3])> =
             HashMap::from([(MEASUREMENT, ([1; 3], [0; 3]))]);
         for node in &self.nodes {
-            let mut reach = [0; 3];
-            for input in node.tensors() {
-                let (_, r) = known.get(input.as_str()).copied().unwrap_or_default();
-                reach = std::array::from_fn(|i| reach[i].max(r[i]));
-            }
             let first = node.inputs.first().map_or(MEASUREMENT, String::as_str);
             let (span, _) = known.get(first).copied().unwrap_or(([1; 3], [0; 3]));
-            let (span, more): ([usize; 3], [usize; 3]) = match &node.op {
-                Op::BoxEstimate => (span, [0, 1, 1]),
+            // The span of the result, and how much further it reaches than each of the first inputs; others
+            // it reads in place.
+            let mut more = [[0; 3]; 3];
+            let furthest = |offsets: &mut dyn Iterator<Item = i32>| {
+                offsets.map(i32::unsigned_abs).max().unwrap_or(0) as usize
+            };
+            let span: [usize; 3] = match &node.op {
+                Op::BoxEstimate => {
+                    more[0] = [0, 1, 1];
+                    span
+                }
                 Op::Features { neighbours, block, .. } => {
-                    let furthest = neighbours.iter().map(|offset| offset.unsigned_abs() as usize).max();
-                    (*block, [furthest.unwrap_or(0), 0, 0])
+                    more[2][0] = furthest(&mut neighbours.iter().copied());
+                    *block
                 }
                 Op::Conv3d(conv) => {
                     let padding = conv.padding(false);
-                    (
-                        std::array::from_fn(|i| span[i] * conv.stride[i]),
-                        std::array::from_fn(|i| padding[i] * span[i]),
-                    )
+                    more[0] = std::array::from_fn(|i| padding[i] * span[i]);
+                    std::array::from_fn(|i| span[i] * conv.stride[i])
                 }
                 Op::ConvTranspose3d(conv) => {
-                    let padding = conv.padding(true);
-                    let taps =
-                        |i: usize| (conv.kernel[i] - 1 - padding[i]).max(padding[i]).div_ceil(conv.stride[i]);
-                    (
-                        std::array::from_fn(|i| span[i] / conv.stride[i]),
-                        std::array::from_fn(|i| taps(i) * span[i]),
-                    )
+                    let fine: [usize; 3] = std::array::from_fn(|i| span[i] / conv.stride[i]);
+                    more[0] = std::array::from_fn(|i| conv.transposed_reach(i) * fine[i]);
+                    fine
                 }
                 Op::Blend { taps, .. } => {
-                    let furthest = |i: usize| taps.iter().map(|tap| tap[i].unsigned_abs() as usize).max();
-                    ([1; 3], std::array::from_fn(|i| furthest(i).unwrap_or(0)))
+                    more[1] = std::array::from_fn(|i| furthest(&mut taps.iter().map(|tap| tap[i])));
+                    [1; 3]
                 }
-                Op::LogIrradiance | Op::Concat | Op::InverseResponse { .. } | Op::Fuse => (span, [0; 3]),
+                Op::LogIrradiance | Op::Concat | Op::InverseResponse { .. } | Op::Fuse => span,
             };
-            known.insert(&node.name, (span, std::array::from_fn(|i| reach[i] + more[i])));
+            let reach = node.tensors().zip(more.into_iter().chain(std::iter::repeat([0; 3])));
+            let reach = reach.fold([0; 3], |reach: [usize; 3], (input, more)| {
+                let (_, before) = known.get(input.as_str()).copied().unwrap_or_default();
+                std::array::from_fn(|i| reach[i].max(before[i] + more[i]))
+            });
+            known.insert(&node.name, (span, reach));
         }
         Ok(known.get(self.output.as_str()).map_or([0; 3], |(_, reach)| *reach))
     }
@@ -562,6 +565,20 @@ impl Convolution {
         std::array::from_fn(|i| {
             if transposed { (self.kernel[i] - self.stride[i]) / 2 } else { (self.kernel[i] - 1) / 2 }
         })
+    }
+
+    /// Results beyond its own, along an axis, in whose place stand the inputs that a result of the transposed
+    /// convolution depends on.
+    fn transposed_reach(&self, axis: usize) -> usize {
+        let [kernel, stride, padding] =
+            [self.kernel[axis], self.stride[axis], self.padding(true)[axis]].map(|n| n as isize);
+        // Result r sums input i = (r + padding − tap)/stride, which stands in place of stride results from i·stride on.
+        let reach = |r: isize, tap: isize| {
+            let first = r + padding - tap;
+            (first % stride == 0).then(|| (r - first).max(first + stride - 1 - r))
+        };
+        let all = (0..stride).flat_map(|r| (0..kernel).filter_map(move |tap| reach(r, tap)));
+        all.max().unwrap_or(0).max(0) as usize
     }
 
     /// Number of taps.
