@@ -231,7 +231,7 @@ impl Case<'_> {
                 let options = gpu::Options { precision, variant: self.variant, ..gpu::Options::default() };
                 Ok(Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?))
             }
-            _ => self.backend.executor(plan, calibration),
+            _ => self.backend.executor(plan, calibration, true),
         }
     }
 

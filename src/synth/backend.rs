@@ -60,11 +60,12 @@ impl Backend {
         }
     }
 
-    /// An executor of `plan`.
-    pub fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Executor>> {
+    /// An executor of `plan`. If it is to be `tuned`, a GPU takes a few seconds, once, to measure how its larger layers
+    /// are computed best.
+    pub fn executor(&self, plan: Plan, calibration: &Calibration, tuned: bool) -> Result<Box<dyn Executor>> {
         Ok(match self {
             Self::Gpu(gpu, precision) => {
-                let folder = cache_folder();
+                let folder = cache_folder().filter(|_| tuned);
                 let options =
                     Options { precision: *precision, tuned_in: folder.as_deref(), ..Options::default() };
                 Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?)
@@ -79,6 +80,11 @@ impl Backend {
             Self::Gpu(gpu, _) => Some(Self::Gpu(gpu.clone(), precision)),
             Self::Cpu => (precision == Precision::F32).then_some(Self::Cpu),
         }
+    }
+
+    /// Whether an executor takes long to make, since shaders are compiled for it.
+    pub fn compiles(&self) -> bool {
+        matches!(self, Self::Gpu(..))
     }
 
     /// What limits a tile here.

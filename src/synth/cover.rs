@@ -40,6 +40,12 @@ impl Active {
         &mut self.cells[s * len..][..len]
     }
 
+    /// Takes the cells of slab `s` and those behind it out.
+    pub(super) fn clear_from(&mut self, s: usize) {
+        let first = (s * self.slab_len()).min(self.cells.len());
+        self.cells[first..].fill(false);
+    }
+
     /// Number of active cells.
     pub fn count(&self) -> usize {
         self.cells.iter().filter(|&&active| active).count()

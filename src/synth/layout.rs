@@ -60,9 +60,9 @@ impl Layout {
         Ok(Self { overlap: overlap(model, cells)?, cut, hop: cells.hop(), cell, grid: grid.clone(), most })
     }
 
-    /// The tiles that compute a whole window.
-    pub fn whole(&self) -> Vec<Tile> {
-        self.grid.tiles().map(|(row, col)| Tile { frames: 0..self.hop, row, col }).collect()
+    /// The tiles that compute the first `frames` of a window in whole.
+    pub fn whole(&self, frames: usize) -> Vec<Tile> {
+        self.grid.tiles().map(|(row, col)| Tile { frames: 0..frames, row, col }).collect()
     }
 
     /// The tiles that compute a cuboid of cells.
@@ -102,7 +102,7 @@ impl Layout {
             let [frames, rows, cols] = tile.size();
             (frames as f64 + self.overlap) * (rows * cols) as f64
         };
-        tiles.iter().map(cost).sum::<f64>() / self.whole().iter().map(cost).sum::<f64>()
+        tiles.iter().map(cost).sum::<f64>() / self.whole(self.hop).iter().map(cost).sum::<f64>()
     }
 }
 

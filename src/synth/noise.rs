@@ -9,6 +9,8 @@ use crate::sensor::Recording;
 pub const LEVELS: usize = 1024;
 /// Intervals of pixel values in which scatter is estimated.
 const INTERVALS: usize = 24;
+/// Rows and columns of the pixels that one estimate comes from: small, so that their levels differ little.
+const PATCH: [usize; 2] = [2, 4];
 /// Fewest groups of pixels in an interval for an estimate.
 const ENOUGH: usize = 6;
 
@@ -52,7 +54,7 @@ impl Scatter {
     /// Estimated from pairs of frames at the same phase of the pattern, as (earlier, later, schedule time of the later
     /// one).
     ///
-    /// Half of the mean squared difference of a group, the read-outs of equal exposure in one cell, is its variance
+    /// Half of the mean squared difference of a group, the read-outs of equal exposure in one [`PATCH`], is its variance
     /// plus whatever the scene changed there. The lower quartile of the groups of about equal level is taken, so
     /// that up to three quarters of a scene may move; χ² tells how far that lies below the variance itself.
     pub fn estimated(
@@ -62,16 +64,17 @@ impl Scatter {
         recording: &Recording,
     ) -> Option<Self> {
         let kinds = readouts.exposures.len();
-        let groups = cells.rows() * cells.cols() * kinds;
+        let columns = cells.width.div_ceil(PATCH[1]);
+        let groups = cells.height.div_ceil(PATCH[0]) * columns * kinds;
         // Sum of levels, of squared differences, and number of read-outs of each group.
         let mut sums = vec![(0.0f64, 0.0f64, 0usize); groups];
         for (earlier, later, t) in pairs {
             for y in 0..cells.height {
-                let row = y / cells.size[1] * cells.cols();
+                let row = y / PATCH[0] * columns;
                 for x in 0..cells.width {
                     let Some(kind) = readouts.beginning(*t, y, x) else { continue };
                     let [a, b] = [earlier, later].map(|frame| f64::from(frame[y * cells.width + x]));
-                    let sum = &mut sums[(row + x / cells.size[2]) * kinds + kind];
+                    let sum = &mut sums[(row + x / PATCH[1]) * kinds + kind];
                     *sum = (sum.0 + b, sum.1 + (a - b) * (a - b), sum.2 + 1);
                 }
             }

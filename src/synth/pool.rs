@@ -52,8 +52,8 @@ impl Pool {
         }
     }
 
-    /// The executor for windows of `size`, made if there is none.
-    fn prepare(&mut self, size: Size) -> Result<&mut Entry> {
+    /// The executor for windows of `size`, made if there is none, and `tuned` then.
+    fn prepare(&mut self, size: Size, tuned: bool) -> Result<&mut Entry> {
         self.clock += 1;
         if !self.entries.contains_key(&size) {
             let [hop, height, width] = size;
@@ -64,7 +64,7 @@ impl Pool {
                 let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
                 self.entries.remove(&oldest);
             }
-            let executor = self.backend.executor(plan, &self.calibration)?;
+            let executor = self.backend.executor(plan, &self.calibration, tuned)?;
             self.entries.insert(size, Entry { executor, waiting: 0, bytes, used: 0 });
         }
         let entry = self.entries.get_mut(&size).expect("it was inserted above");
@@ -72,9 +72,9 @@ impl Pool {
         Ok(entry)
     }
 
-    /// What the executor for windows of `size` is, in words; it is made if there is none.
+    /// Makes the executor for windows of `size`, the most frequent one, and says in words what it is.
     pub fn describe(&mut self, size: Size) -> Result<String> {
-        Ok(self.prepare(size)?.executor.describe())
+        Ok(self.prepare(size, true)?.executor.describe())
     }
 
     /// Whether a window of `size`, which was prepared for, can be submitted before one is collected.
@@ -84,7 +84,7 @@ impl Pool {
 
     /// Starts to compute a window of `size`; see [`Executor::submit`]. Returns [`Executor::in_flight`].
     pub fn submit(&mut self, size: Size, measurement: &[f32], schedule: i64) -> Result<usize> {
-        let entry = self.prepare(size)?;
+        let entry = self.prepare(size, false)?;
         entry.executor.submit(measurement, schedule)?;
         entry.waiting += 1;
         Ok(entry.executor.in_flight())

@@ -73,6 +73,8 @@ pub struct Synthesizer {
     skip: Skip,
     cells: Cells,
     layout: Layout,
+    /// What the frames of the last window are rounded up to.
+    step: usize,
     /// Cells [rows, columns] around a changed one that are computed with it.
     spread: [usize; 2],
     stop: Arc<AtomicBool>,
@@ -120,7 +122,7 @@ impl Synthesizer {
     ) -> Result<Self> {
         model.graph.check_renders_video()?;
         let skip = options.skip;
-        let (hop, cell_frames) = hop_and_cell(&model.graph, &calibration, options)?;
+        let Lengths { hop, cell: cell_frames, step } = lengths(&model.graph, &calibration, options)?;
         let model = &with_hop(model, hop);
         let grid = Grid::fit(model, &calibration, extent, backend.limits(options.side))?;
         let exact = Cut::exact(&model.graph, &calibration)?;
@@ -140,11 +142,11 @@ impl Synthesizer {
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let mut pool = Pool::new(backend, model, &calibration);
         let mut flop = 0.0;
-        for tile in layout.whole() {
+        for tile in layout.whole(hop) {
             flop += Plan::lower(model, tile.row.outer_len, tile.col.outer_len)?.flop() / hop as f64;
         }
         // What cannot work is said before anything is read.
-        let executor = pool.describe(layout.whole()[0].size())?;
+        let executor = pool.describe(layout.whole(hop)[0].size())?;
         let window = model.graph.window;
         let stop = Arc::default();
         Ok(Self {
@@ -158,6 +160,8 @@ impl Synthesizer {
             skip,
             cells,
             layout,
+            // Compiling shaders takes longer than the frames of one window that nobody wants.
+            step: if backend.compiles() { hop } else { step },
             spread,
             stop,
         })
@@ -238,7 +242,8 @@ impl Synthesizer {
         deliver: SyncSender<ResultFrame>,
     ) -> Result<Report> {
         self.pool.reset();
-        let Self { window, calibration, grid, pool, cells, skip, layout, extent, spread, stop, .. } = self;
+        let Self { window, calibration, grid, pool, cells, skip, layout, step, extent, spread, stop, .. } =
+            self;
         let start = recording.info.schedule_start;
         let mut footage = Footage::new(arriving, calibration, start);
         let mut gate = Gate::new((cells, *skip, *window), *spread, (recording, calibration), from);
@@ -258,13 +263,18 @@ impl Synthesizer {
             let seen = Seen { first, frames: &frames };
             let recorded = footage.recorded(begin..begin + window.hop as i64)?;
             let begun = Instant::now();
-            let choice = gate.choose(k, &seen, &recorded);
+            let mut choice = gate.choose(k, &seen, &recorded);
+            // Behind the end of the recording nothing is wanted.
+            let frames = ((recorded.end - begin) as usize).next_multiple_of(*step).min(window.hop);
+            if let Some(active) = &mut choice.active {
+                active.clear_from(frames.div_ceil(cells.size[0]));
+            }
             let tiles = match &choice.active {
                 Some(active) if active.count() < active.cells.len() => {
                     let cuboids = cover(active, &|cuboid| layout.cost(cuboid));
                     cuboids.iter().flat_map(|cuboid| layout.tiles(cuboid)).collect()
                 }
-                _ => layout.whole(),
+                _ => layout.whole(frames),
             };
             gating += begun.elapsed();
             count += 1;
@@ -296,11 +306,19 @@ impl Synthesizer {
     }
 }
 
-/// Result frames of a window, and frames of a cell.
-///
+/// How long windows and their parts are, in frames.
+struct Lengths {
+    /// Result frames of a window.
+    hop: usize,
+    /// Frames of a cell.
+    cell: usize,
+    /// A window can be shorter by a multiple of this.
+    step: usize,
+}
+
 /// Nets whose window has their reach in time before and behind give the same frames for any number of result frames.
 /// Then a window is cut into slabs that repeat with the pattern, and some of them can be left out.
-fn hop_and_cell(graph: &Graph, calibration: &Calibration, options: Options) -> Result<(usize, usize)> {
+fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result<Lengths> {
     let Window { frames, lead, hop } = graph.window;
     let [reach, ..] = graph.reach()?;
     let [granularity, ..] = graph.granularity()?;
@@ -311,15 +329,15 @@ fn hop_and_cell(graph: &Graph, calibration: &Calibration, options: Options) -> R
             let problem = format!("its windows give {hop} frames, and cannot give {wanted}");
             return Err(NetworkError::Graph(graph.name.clone(), problem).into());
         }
-        return Ok((hop, hop));
+        return Ok(Lengths { hop, cell: hop, step: hop });
     }
     if options.skip == Skip::Off {
         let hop = wanted.next_multiple_of(granularity).max(1);
-        return Ok((hop, hop));
+        return Ok(Lengths { hop, cell: hop, step: granularity });
     }
     let repeat = lcm(granularity, calibration.period);
     let cell = repeat * CELL_FRAMES.div_ceil(repeat);
-    Ok((wanted.max(1).next_multiple_of(cell), cell))
+    Ok(Lengths { hop: wanted.max(1).next_multiple_of(cell), cell, step: cell })
 }
 
 /// Reads frames until there are no more, or nobody wants them.
