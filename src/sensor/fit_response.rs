@@ -124,7 +124,9 @@ fn improved(curve: &[f64], pairs: &[Pair]) -> Vec<f64> {
     }
     for i in 1..NODES - 1 {
         let [before, behind] = [node(i) - node(i - 1), node(i + 1) - node(i)];
-        let slope = (curve[i + 1] - curve[i - 1]) / (before + behind);
+        // Relative to both slopes alike, so that a jump costs as much up as down.
+        let slopes = (curve[i] - curve[i - 1]) / before * ((curve[i + 1] - curve[i]) / behind);
+        let slope = slopes.sqrt().max(1e-6);
         let row = [
             (i - 1, 1.0 / before / slope),
             (i, -(1.0 / before + 1.0 / behind) / slope),
@@ -132,11 +134,14 @@ fn improved(curve: &[f64], pairs: &[Pair]) -> Vec<f64> {
         ];
         add(&row, STIFFNESS);
     }
-    // The ends are known.
-    for (end, value) in [(0, 0.0), (NODES - 1, 1.0)] {
-        let weight = 1e9;
-        matrix[end][end] += weight;
-        matrix[end][NODES] += weight * value;
+    // Light and response could be scaled together, so the curve is held where it is known best; and f(0) = 0.
+    let mut brightest: Vec<f64> = pairs.iter().map(|pair| pair.long).collect();
+    let middle = brightest.len() / 2;
+    let (held, _) = interval(*brightest.select_nth_unstable_by(middle, f64::total_cmp).1);
+    for (i, value) in [(0, 0.0), (held + 1, curve[held + 1])] {
+        const WEIGHT: f64 = 1e9;
+        matrix[i][i] += WEIGHT;
+        matrix[i][NODES] += WEIGHT * value;
     }
     let mut solved = solve(matrix);
     for i in 1..NODES {
