@@ -176,10 +176,10 @@ FAST = {"widths": (32, 64, 96), "blocks": (0, 4, 2), "reach": 3, "hop": 96}
 
 PRESETS = {
     "tiny": lambda: kernel_net((16, 32), (0, 2), name="tiny"),
-    "medium": lambda: kernel_net((24, 48, 64), (0, 4, 2), name="medium"),
     "fast": lambda: kernel_net(**FAST, name="fast"),
     "fast-1-8": lambda: kernel_net(**FAST, name="fast-1-8", pattern="mpve-1-8", period=16),
     "fast-1-16": lambda: kernel_net(**FAST, name="fast-1-16", pattern="mpve-1-16", period=32),
+    "large": lambda: kernel_net(**{**FAST, "widths": (64, 128, 192)}, name="large"),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
 }

@@ -23,6 +23,7 @@ from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
 from .validate import validate
+from .widen import widened
 
 CHECKPOINT = "pix2hdr-checkpoint/1"
 WARM_UP = 0.02  # share of the run in which the learning rate rises
@@ -147,7 +148,7 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--lr", type=float, default=2e-3)
     parser.add_argument("--loss", choices=[*SIMPLE, "paper"], default="log_mse")
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
-    parser.add_argument("--init", type=Path, help="start from this checkpoint's averaged weights (same graph)")
+    parser.add_argument("--init", type=Path, help="start from this checkpoint's averaged weights: the same layers, as wide or narrower")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
     parser.add_argument("--perceptual-frames", type=int, default=0, help="frames per window in L_perc (0: all)")
@@ -180,6 +181,7 @@ class Run:
         self.val = Dataset(args.val) if args.val else None
         self.response = response_of(self.graph, self.data)
         net = GraphNet(self.graph, self.data.inverse).to(args.device)
+        self.start: dict | None = None  # provenance of the weights that the run starts from
         paper = None
         if args.loss == "paper":
             if args.vgg is None:
@@ -187,9 +189,11 @@ class Run:
             paper = PaperLoss(Vgg(args.vgg).to(args.device), args.perceptual_weight, args.perceptual_frames)
         if args.init:
             state = load_checkpoint(args.init)
-            if json.loads(state["graph"]) != self.graph:
-                raise ValueError(f"{args.init}: made for another graph")
-            net.load_state_dict(state["ema"])
+            try:
+                net.load_state_dict(widened(state["ema"], net, args.seed))
+            except ValueError as error:
+                raise ValueError(f"{args.init}: {error}") from error
+            self.start = json.loads(state["provenance"])
         objective = Objective(net, args.stage, args.loss, paper)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
         self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed)
@@ -216,6 +220,7 @@ class Run:
         self.trainer.load(state)
         self.elapsed = state["elapsed"]
         self.scores = json.loads(state["scores"])
+        self.start = json.loads(state["provenance"]).get("start")
         print(f"resumed at step {self.trainer.steps}, {clock(self.elapsed)} trained", flush=True)
 
     def progress(self) -> float:
@@ -265,6 +270,7 @@ class Run:
             "hardware": hardware(args.device, args.threads),
             "torch": torch.__version__,
             "scores": self.scores,
+            "start": self.start,
         }
 
     def score(self) -> None:

@@ -15,6 +15,7 @@ from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, mean_ssim
 from pix2hdr_training.objective import Objective
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
 from pix2hdr_training.validate import validate
+from pix2hdr_training.widen import widened
 from test_export import load_script
 
 SMALL = {"fast": presets.kernel_net((8, 12), (1, 2), name="small", hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
@@ -209,3 +210,25 @@ def test_bad_arguments_are_one_line(graph_file, data_folder, tmp_path, capsys):
     assert "--vgg" in capsys.readouterr().err
     assert run(graph_file, data_folder, tmp_path / "x", "--steps", 1, "--stage", "ldr") == 1
     assert run(graph_file, Path("nowhere"), tmp_path / "x", "--steps", 1) == 1
+
+
+def test_a_widened_net_computes_the_same(data_folder):
+    torch.manual_seed(2)
+    data = Dataset(data_folder)
+    narrow = GraphNet(SMALL["fast"], data.inverse)
+    with torch.no_grad():
+        narrow.layers["tail"].weight.mul_(50)  # far from the box filter
+    wide = GraphNet(presets.kernel_net((16, 20), (1, 2), name="wide", hop=8), data.inverse)
+    wide.load_state_dict(widened(narrow.state_dict(), wide))
+    batch = Crops(data, SMALL["fast"], 2, 16, 0)(0)
+    with torch.no_grad():
+        before, after = (net.eval()(batch.measurement, batch.exposure, toned=True) for net in (narrow, wide))
+    assert before.std() > 0.05
+    torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-5)
+    # Repeated channels learn different things.
+    weight = wide.layers["up0"].weight
+    assert weight.shape[0] == 20 and not torch.equal(weight[0], weight[12])
+    with pytest.raises(ValueError, match="cannot become"):
+        widened(wide.state_dict(), narrow)
+    with pytest.raises(ValueError, match="layers differ"):
+        widened(narrow.state_dict(), GraphNet(SMALL["paper"], data.inverse))
