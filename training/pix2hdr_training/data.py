@@ -145,7 +145,7 @@ class Crops:
     A share `ends` of the crops lies at the beginning or end of a recording, a share `off` is `miscalibrated`.
     """
 
-    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.3, off: float = 0.3):
+    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.5, off: float = 0.3):
         self.dataset, self.window = dataset, graph["window"]
         self.batch, self.crop, self.seed, self.ends, self.off = batch, crop, seed, ends, off
         rows, columns = granularity(graph)
