@@ -141,7 +141,10 @@ fn a_live_camera_drops_frames_and_counts_them() {
     let exposed = engine.clock.exposed(Instant::now());
     // All frames up to the newest were either delivered or dropped; those on their way are neither.
     let accounted = status.frames + status.dropped;
-    assert!(accounted > last as u64 && accounted as f64 <= exposed, "{accounted}, newest {last} of {exposed}");
+    assert!(
+        accounted > last as u64 && accounted as f64 <= exposed,
+        "{accounted}, newest {last} of {exposed}"
+    );
     let numbers: Vec<usize> = engine.store.between(0, usize::MAX).iter().map(|frame| frame.number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
     let (frames, bytes) = engine.store.size();
@@ -169,9 +172,8 @@ fn dials_respond_and_a_refusal_can_be_undone() {
     let engine = Engine::start(opening(), Request::Path(path), dials(), 1 << 24);
     wait("a frame", || engine.store.at(0));
     engine.tune(Dials { skip: Skip::Bounded(0.002), ..dials() }, 5);
-    let frame = wait("a frame with cells", || {
-        engine.store.at_or_after(5).filter(|frame| frame.computed.is_some())
-    });
+    let frame =
+        wait("a frame with cells", || engine.store.at_or_after(5).filter(|frame| frame.computed.is_some()));
     assert_eq!(frame.number, 5);
     engine.tune(Dials { precision: Precision::F16, ..dials() }, 7);
     let problem = wait("a refusal", || failure(&engine.status()));
@@ -276,7 +278,11 @@ impl Interface {
         let begun = Instant::now();
         while !is(self.harness.state()) {
             self.harness.step();
-            assert!(begun.elapsed() < PATIENCE, "{what} does not come: {:?}", self.harness.state().status().phase);
+            assert!(
+                begun.elapsed() < PATIENCE,
+                "{what} does not come: {:?}",
+                self.harness.state().status().phase
+            );
             std::thread::sleep(Duration::from_millis(2));
         }
     }
@@ -316,7 +322,10 @@ fn buttons_and_keys_change_the_state() {
     assert_eq!(interface.settings().pair[0], Picture::Difference);
     interface.press(Modifiers::NONE, Key::E);
     interface.press(Modifiers::NONE, Key::T);
-    assert_eq!((interface.settings().display.exposure, interface.settings().display.curve), (0.5, Curve::Reinhard));
+    assert_eq!(
+        (interface.settings().display.exposure, interface.settings().display.curve),
+        (0.5, Curve::Reinhard)
+    );
     interface.click("clipping");
     assert!(interface.settings().display.clipping);
     interface.press(Modifiers::NONE, Key::X);
@@ -346,7 +355,9 @@ fn every_view_draws_at_every_size() {
                 interface.harness.step();
             }
         }
-        for action in [Action::Zoom(40.0, None), Action::Pan([-1e5, 1e5]), Action::Fit, Action::Zoom(1e-6, None)] {
+        for action in
+            [Action::Zoom(40.0, None), Action::Pan([-1e5, 1e5]), Action::Fit, Action::Zoom(1e-6, None)]
+        {
             let viewer = interface.harness.state_mut();
             let reach = pix2hdr::view::clock::Reach { span: None, frames: None, burst: 1 };
             viewer.state.apply(action, reach);

@@ -32,10 +32,10 @@ pub struct View {
     #[arg(long, value_name = "FPS", value_parser = rate)]
     rate: Option<f64>,
     /// Rows of scenes and clips of panoramas
-    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
+    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
     height: usize,
     /// Columns of scenes and clips of panoramas
-    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
+    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
     width: usize,
     /// How fast a clip of a panorama moves
     #[arg(long, value_enum, default_value_t)]

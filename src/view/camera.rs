@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use glam::Vec2;
+use rayon::ThreadPool;
 
 use super::clock::CameraClock;
 use crate::scene::{Rendering, Scene, render};
@@ -100,18 +101,20 @@ impl LiveCamera {
 
 /// What a run of a live camera shares with the outside.
 #[derive(Clone, Debug)]
-pub struct Shared {
+pub struct Shared<'a> {
     /// The camera's clock.
     pub clock: Arc<CameraClock>,
     /// Ends the run.
     pub stop: Arc<AtomicBool>,
+    /// What renders and samples.
+    pub beside: &'a ThreadPool,
 }
 
 /// Frames of a live camera from one on, until it has to drop some: a recording of its own.
 pub struct LiveRun<'a> {
     camera: &'a LiveCamera,
     recording: Recording,
-    shared: Shared,
+    shared: Shared<'a>,
     /// The frame that comes next.
     next: usize,
     /// Irradiance from frame `first` on, as much as read-outs of the next block need.
@@ -131,7 +134,7 @@ impl<'a> LiveRun<'a> {
     pub fn new(
         camera: &'a LiveCamera,
         from: usize,
-        shared: Shared,
+        shared: Shared<'a>,
         heard: impl FnMut(usize, &[f32], &[f32]) + Send + 'a,
     ) -> Result<Self> {
         Ok(Self {
@@ -202,7 +205,7 @@ impl FrameSource for LiveRun<'_> {
             if !self.wait() {
                 return Ok(false);
             }
-            self.sample()?;
+            self.shared.beside.install(|| self.sample())?;
         }
         let Some([mosaic, truth]) = self.ready.pop_front() else { return Ok(false) };
         (self.heard)(self.next, &mosaic, &truth);
@@ -223,19 +226,22 @@ mod tests {
         LiveCamera::new(procedural::by_name("fan", 24, 32, 0).unwrap(), sampler, [24, 32], 0).unwrap()
     }
 
-    fn shared() -> Shared {
-        Shared { clock: Arc::new(CameraClock::new(Instant::now())), stop: Arc::default() }
+    fn pool() -> ThreadPool {
+        rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap()
+    }
+
+    fn shared(beside: &ThreadPool) -> Shared<'_> {
+        Shared { clock: Arc::new(CameraClock::new(Instant::now())), stop: Arc::default(), beside }
     }
 
     /// Block by block it is the same as one video sampled as a whole, from the first frame and from a later one.
     #[test]
     fn blocks_make_the_recording_of_the_whole() {
-        let camera = camera();
+        let (camera, pool) = (camera(), pool());
         let truth = camera.light(0, 4 * BLOCK);
         let whole = camera.sampler.sample(&truth).unwrap().measurement();
         for from in [0, BLOCK] {
-            let shared = shared();
-            shared.clock.set(1e6, Instant::now());
+            let shared = shared(&pool);
             let mut heard = Vec::new();
             let mut run = LiveRun::new(&camera, from, shared.clone(), |number, mosaic, light| {
                 heard.push((number, mosaic.to_vec(), light.to_vec()));
@@ -256,8 +262,8 @@ mod tests {
 
     #[test]
     fn a_camera_that_nobody_keeps_up_with_ends_its_run() {
-        let camera = camera();
-        let shared = shared();
+        let (camera, pool) = (camera(), pool());
+        let shared = shared(&pool);
         shared.clock.set(BLOCK as f64 + KEPT + 1.0, Instant::now());
         let mut run = LiveRun::new(&camera, 0, shared.clone(), |_, _, _| ()).unwrap();
         let mut values = vec![0.0; 24 * 32];

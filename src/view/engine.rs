@@ -7,14 +7,16 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::camera::{LiveCamera, LiveRun, Shared};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::camera::{BLOCK, LiveCamera, LiveRun, Shared};
 use super::clock::CameraClock;
 use super::frame::{Computed, Frame};
 use super::source::{Opening, Request, Source};
 use super::store::{Generation, Store};
 use crate::baseline::box_filter;
 use crate::gpu::GpuError;
-use crate::network::{Model, Precision};
+use crate::network::{Graph, Model, Precision, Window};
 use crate::sensor::{Calibration, CaptureFile, FrameSource, Recording};
 use crate::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
 use crate::video::Video;
@@ -24,6 +26,12 @@ use crate::{Error, Result};
 pub const HISTORY: usize = 240;
 /// How often a lost GPU is opened again before the engine gives up.
 const REBUILDS: usize = 3;
+
+/// How long a viewer that is closed waits for the engine.
+const FAREWELL: Duration = Duration::from_secs(2);
+/// Result frames of a window, where the user says nothing and the net can do with fewer than its own number: a picture is
+/// there sooner, and requests take effect sooner, for half as much computation again.
+const HOP: usize = 32;
 
 /// What of the engine can be changed while it runs.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,7 +159,7 @@ impl Mailbox {
     }
 }
 
-/// The engine's thread, as the interface sees it. Dropped, it ends the thread after the window that is being computed.
+/// The engine's thread, as the interface sees it. Dropped, the thread ends after the window that is being computed.
 pub struct Engine {
     /// The frames.
     pub store: Arc<Store>,
@@ -177,7 +185,16 @@ impl Engine {
             let mailbox = Arc::clone(&mailbox);
             // A scene stays on the thread that opened it.
             move || {
+                let cores = std::thread::available_parallelism().map_or(1, usize::from);
+                let beside = match ThreadPoolBuilder::new().num_threads(cores.div_ceil(2)).build() {
+                    Ok(pool) => pool,
+                    Err(error) => {
+                        lock(&status).phase = Phase::Failed(format!("no threads for the engine: {error}"));
+                        return;
+                    }
+                };
                 let worker = Worker {
+                    beside,
                     store,
                     clock,
                     status,
@@ -189,6 +206,7 @@ impl Engine {
                     backend: None,
                     synthesizer: None,
                     from: 0,
+                    due: 0,
                     rebuilds: 0,
                 };
                 worker.work();
@@ -244,9 +262,10 @@ impl Engine {
 impl Drop for Engine {
     fn drop(&mut self) {
         self.ask(|mailbox| mailbox.quit = true);
-        if let Some(thread) = self.thread.take() {
-            // A panic there has been reported already.
-            let _ = thread.join();
+        // A window of a large net on a slow machine takes longer than a user who closes the viewer waits.
+        let asked = Instant::now();
+        while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) && asked.elapsed() < FAREWELL {
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
 }
@@ -261,14 +280,18 @@ struct Worker {
     clock: Arc<CameraClock>,
     status: Arc<Mutex<Status>>,
     mailbox: Arc<(Mutex<Mailbox>, Condvar)>,
+    /// What renders, samples and filters: in the common pool it would wait behind the net.
+    beside: ThreadPool,
     opening: Opening,
     dials: Dials,
     request: Option<Request>,
     source: Option<Source>,
     backend: Option<Backend>,
     synthesizer: Option<Synthesizer>,
-    /// The frame that the next run begins with.
+    /// The frame that the next run of a file begins with.
     from: usize,
+    /// The first frame of a live camera that is neither delivered nor dropped.
+    due: usize,
     rebuilds: usize,
 }
 
@@ -389,20 +412,22 @@ impl Worker {
             None => Backend::choose(*executor, adapter.as_deref(), *precision)?,
         };
         let window = model.graph.window;
+        let hop = hop.or(shorter_hop(&model.graph)?);
         {
             let mut status = lock(&self.status);
             let place = backend.adapter().unwrap_or_else(|| "CPU".into());
             status.executor = format!("{weights} on {place}, {}", backend.precision().name());
             status.notice = warning.or(status.notice.take());
-            status.hop = window.hop;
+            status.hop = hop.unwrap_or(window.hop);
             status.recording = Some(Arc::new(recording.clone()));
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name.clone());
             // A live source has to wait for the end of its exposures, and for the window's frames behind.
-            status.about.latency = recording.pattern.longest_readout() + window.frames - window.lead;
+            status.about.latency =
+                recording.pattern.longest_readout() + window.frames - window.lead - window.hop + status.hop;
         }
         if self.synthesizer.is_none() {
-            let options = synth::Options { skip: *skip, side: *side, hop: *hop };
+            let options = synth::Options { skip: *skip, side: *side, hop };
             let calibration = recording.calibration();
             self.synthesizer =
                 Some(Synthesizer::with(&model, calibration, [height, width], &backend, options)?);
@@ -476,18 +501,19 @@ impl Worker {
     ) -> Result<()> {
         let stop = synthesizer.stop();
         if lock(&self.status).frames == 0 {
-            self.from = 0;
+            self.due = 0;
             self.clock.set(0.0, Instant::now());
         }
         loop {
             if !self.arm(&stop) {
                 return Ok(());
             }
-            let begin = LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.from);
-            lock(&self.status).dropped += (begin - self.from) as u64;
+            let begin = LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.due);
+            lock(&self.status).dropped += (begin - self.due) as u64;
             self.say(Phase::Running);
             let pending = Pending::default();
-            let shared = Shared { clock: Arc::clone(&self.clock), stop: Arc::clone(&stop) };
+            let (clock, stop) = (Arc::clone(&self.clock), Arc::clone(&stop));
+            let shared = Shared { clock, stop, beside: &self.beside };
             let mut frames = LiveRun::new(camera, begin, shared, |number, mosaic, truth| {
                 let (mosaic, truth) = (mosaic.to_vec(), Some(truth.to_vec()));
                 lock(&pending).push_back(Passing { number, mosaic, truth });
@@ -496,10 +522,9 @@ impl Worker {
             let outcome = synthesizer.stream(&mut frames, 0, |frame| delivery.deliver(frame, &pending));
             let delivered = delivery.count.load(Ordering::Relaxed) as usize;
             drop(frames);
-            // Blocks that were begun and not delivered are dropped too.
-            self.from = begin + delivered;
-            self.from = self.from.next_multiple_of(super::camera::BLOCK);
-            lock(&self.status).dropped += (self.from - begin - delivered) as u64;
+            // A block that was begun and not delivered is dropped.
+            self.due = (begin + delivered).next_multiple_of(BLOCK);
+            lock(&self.status).dropped += (self.due - begin - delivered) as u64;
             outcome?;
         }
     }
@@ -514,6 +539,7 @@ impl Worker {
     ) -> Delivery<'_> {
         let recording = frames.recording();
         Delivery {
+            beside: &self.beside,
             store: &self.store,
             status: &self.status,
             calibration: recording.calibration(),
@@ -525,6 +551,13 @@ impl Worker {
             count: AtomicU64::new(0),
         }
     }
+}
+
+/// The hop in place of the net's own, for nets that give the same frames for any.
+fn shorter_hop(graph: &Graph) -> Result<Option<usize>> {
+    let Window { frames, lead, hop } = graph.window;
+    let [reach, ..] = graph.reach()?;
+    Ok((hop > HOP && lead >= reach && frames - hop - lead >= reach).then_some(HOP))
 }
 
 /// Whether a GPU has gone.
@@ -565,6 +598,7 @@ impl FrameSource for Overheard<'_> {
 
 /// Where results go.
 struct Delivery<'a> {
+    beside: &'a ThreadPool,
     store: &'a Store,
     status: &'a Mutex<Status>,
     calibration: Calibration,
@@ -595,7 +629,8 @@ impl Delivery<'_> {
         let filtered = match &mosaic {
             Some(mosaic) => {
                 let video = Video::new(1, height, width, mosaic.clone())?;
-                Some(box_filter(&video, &self.calibration, self.schedule_start + result.number as i64).data)
+                let t = self.schedule_start + result.number as i64;
+                Some(self.beside.install(|| box_filter(&video, &self.calibration, t)).data)
             }
             None => None,
         };

@@ -72,7 +72,7 @@ impl Viewer {
                 .response
                 .on_hover_text("a simulated camera in front of a built-in scene");
                 let typed = ui
-                    .add(egui::TextEdit::singleline(&mut self.typed).desired_width(220.0).hint_text("file or scene"))
+                    .add(egui::TextEdit::singleline(&mut self.typed).desired_width(130.0).hint_text("file or scene"))
                     .on_hover_text(
                         "a scene, a capture (.npy with .json, or its folder), a video (.npy, folder of .exr), or a \
                          panorama (.exr, .hdr); Enter opens it. Files can be dropped anywhere",
@@ -118,7 +118,7 @@ impl Viewer {
     fn choose_picture(&mut self, ui: &mut Ui, i: usize) {
         let mut picture = self.state.settings.pictures()[i];
         let before = picture;
-        ComboBox::from_id_salt(("picture", i)).width(92.0).selected_text(picture.name()).show_ui(ui, |ui| {
+        ComboBox::from_id_salt(("picture", i)).width(84.0).selected_text(picture.name()).show_ui(ui, |ui| {
             for other in Picture::ALL {
                 ui.selectable_value(&mut picture, other, other.name()).on_hover_text(other.describe());
             }
