@@ -2,6 +2,7 @@
 
 mod calibration;
 mod capture;
+mod fit_response;
 mod importer;
 mod pattern;
 mod recording;
@@ -10,6 +11,7 @@ mod sampler;
 
 pub use calibration::Calibration;
 pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
+pub use fit_response::{ResponseFit, fit_response};
 pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use recording::{CaptureFile, FrameSource, Recording};
