@@ -129,6 +129,7 @@ impl View {
         }
         let json = json!({
             "seconds": pace.seconds,
+            "start_ms": { "window": pace.start_ms[0], "picture": pace.start_ms[1] },
             "passes": pace.passes,
             "interval_ms": pace.interval_ms,
             "pass_ms": pace.pass_ms,

@@ -16,7 +16,7 @@ use super::keys::{Binding, bindings};
 use super::panes::Pane;
 use super::picture::{Kinds, Picture};
 use super::source::{Opening, Request};
-use super::state::{Action, Effect, Settings, State, Theme};
+use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
 use super::tone::ToneTable;
 use crate::{Error, Result};
 
@@ -46,6 +46,13 @@ pub struct Start {
     pub seconds: Option<f64>,
 }
 
+impl Start {
+    /// What is remembered from last time.
+    fn settings(&self) -> Settings {
+        self.settings.as_ref().map_or_else(Settings::default, |path| Settings::read(path))
+    }
+}
+
 /// A line for the user.
 #[derive(Clone, Debug)]
 pub(super) struct Message {
@@ -65,6 +72,8 @@ pub struct Pace {
     pub interval_ms: [f64; 3],
     /// Milliseconds that a pass took: median, 95th percentile, largest.
     pub pass_ms: [f64; 3],
+    /// Milliseconds from the start to the first pass, and to the first picture, if there was one.
+    pub start_ms: [Option<f64>; 2],
     /// Frames that were delivered.
     pub frames: u64,
     /// Frames that the camera dropped.
@@ -91,6 +100,8 @@ pub struct Viewer {
     pub(super) panes: Vec<Pane>,
     /// What is typed as a source.
     pub(super) typed: String,
+    /// Whether the cursor is to be put there.
+    pub(super) type_now: bool,
     pub(super) messages: VecDeque<Message>,
     pub(super) actions: Vec<Action>,
     pub(super) bindings: Vec<Binding>,
@@ -104,16 +115,17 @@ pub struct Viewer {
 /// Times of the interface's passes.
 struct Measured {
     begun: Instant,
+    /// The first pass, and the first picture.
+    first: [Option<Instant>; 2],
     intervals: Vec<f32>,
     passes: Vec<f32>,
     memory: Option<u64>,
 }
 
 impl Viewer {
-    /// Starts the engine.
-    pub fn new(start: Start) -> Self {
-        let mut settings =
-            start.settings.as_ref().map_or_else(Settings::default, |path| Settings::read(path));
+    /// Starts the engine; the viewer has been about to start since `begun`.
+    pub fn new(start: Start, begun: Instant) -> Self {
+        let mut settings = start.settings();
         settings.rate = start.rate.unwrap_or(settings.rate);
         let engine =
             Engine::start(start.opening.clone(), start.request.clone(), start.dials.clone(), STORE_BYTES);
@@ -129,6 +141,7 @@ impl Viewer {
             table,
             panes: Vec::new(),
             typed: start.request.name(),
+            type_now: false,
             messages: VecDeque::new(),
             actions: Vec::new(),
             bindings: bindings(),
@@ -136,7 +149,13 @@ impl Viewer {
             jobs: channel(),
             saved: settings,
             last: now,
-            measured: Measured { begun: now, intervals: Vec::new(), passes: Vec::new(), memory: None },
+            measured: Measured {
+                begun,
+                first: [None; 2],
+                intervals: Vec::new(),
+                passes: Vec::new(),
+                memory: None,
+            },
         }
     }
 
@@ -155,8 +174,10 @@ impl Viewer {
         let begun = Instant::now();
         self.tick(begun, ui.ctx());
         self.listen(ui.ctx());
+        self.remember_window(ui.ctx());
         self.draw(ui);
         for action in std::mem::take(&mut self.actions) {
+            tracing::trace!(?action, "{:.1} ms", 1e3 * self.measured.begun.elapsed().as_secs_f64());
             let effect = self.state.apply(action, self.reach);
             self.carry_out(effect, ui.ctx());
         }
@@ -171,6 +192,7 @@ impl Viewer {
     fn tick(&mut self, now: Instant, ctx: &egui::Context) {
         let seconds = now.saturating_duration_since(self.last).as_secs_f64();
         self.last = now;
+        self.measured.first[0].get_or_insert(now);
         self.measured.intervals.push(seconds as f32);
         // Ten minutes at 60 passes a second are kept.
         if self.measured.intervals.len() > 1 << 16 {
@@ -188,7 +210,9 @@ impl Viewer {
         let status = self.engine.status();
         let pattern = |status: &Status| status.recording.as_ref().map(|recording| recording.pattern.clone());
         if pattern(&status) != pattern(&self.status) {
-            self.kinds = pattern(&status).map_or_else(Kinds::default, |pattern| Kinds::new(&pattern));
+            let pattern = pattern(&status);
+            self.state.nets = nets(pattern.as_ref(), &self.start.dials.weights);
+            self.kinds = pattern.map_or_else(Kinds::default, |pattern| Kinds::new(&pattern));
         }
         self.status = status;
         self.reach = Reach {
@@ -202,6 +226,7 @@ impl Viewer {
         self.engine.store.move_to(frame);
         // Until something new is there, the last picture stays.
         if let Some(shown) = self.engine.store.at(frame) {
+            self.measured.first[1].get_or_insert(now);
             self.shown = Some(shown);
         }
         if self.table.display() != self.state.settings.display {
@@ -235,9 +260,25 @@ impl Viewer {
             }
         }
         if let Some(file) = dropped.first() {
-            let request = Request::Path(file.path().to_owned());
-            self.typed = request.name();
-            self.actions.push(Action::Open(request));
+            self.actions.push(Action::Open(Request::Path(file.path().to_owned())));
+        }
+    }
+
+    /// Takes over, at first, how large everything was drawn last time, and remembers it and the window's size.
+    fn remember_window(&mut self, ctx: &egui::Context) {
+        let settings = &mut self.state.settings;
+        if self.measured.passes.is_empty() {
+            ctx.set_zoom_factor(settings.scale);
+            return;
+        }
+        settings.scale = ctx.zoom_factor().clamp(SCALES[0], SCALES[1]);
+        let window = ctx.input(|input| {
+            let viewport = input.viewport();
+            let usual = viewport.maximized != Some(true) && viewport.fullscreen != Some(true);
+            viewport.inner_rect.filter(|_| usual).map(|rect| rect.size() * settings.scale)
+        });
+        if let Some(size) = window {
+            settings.window = [size.x, size.y].map(|side| side.clamp(WINDOW[0], WINDOW[1]));
         }
     }
 
@@ -263,6 +304,7 @@ impl Viewer {
             Effect::Seek(frame) => self.engine.seek(frame),
             Effect::Tune(dials, frame) => self.engine.tune(dials, frame),
             Effect::Open(request) => {
+                self.typed = request.name();
                 self.shown = None;
                 self.engine.open(request);
             }
@@ -297,6 +339,7 @@ impl Viewer {
                     self.messages.push_back(Message::good("values copied".into()));
                 }
             }
+            Effect::Type => self.type_now = true,
             Effect::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
         }
     }
@@ -364,6 +407,10 @@ impl Viewer {
             // The first passes open the window.
             interval_ms: quantiles(self.measured.intervals.get(5..).unwrap_or_default()),
             pass_ms: quantiles(self.measured.passes.get(5..).unwrap_or_default()),
+            start_ms: self
+                .measured
+                .first
+                .map(|first| first.map(|first| 1e3 * (first - self.measured.begun).as_secs_f64())),
             frames: status.frames,
             dropped: status.dropped,
             memory: [self.measured.memory, resident_bytes()],
@@ -429,10 +476,11 @@ impl eframe::App for Window {
 
 /// Opens the window, and returns when it is closed.
 pub fn run(start: Start) -> Result<Pace> {
+    let begun = Instant::now();
     let viewport = egui::ViewportBuilder::default()
         .with_title(format!("pix2hdr: {}", start.request.name()))
         .with_app_id("pix2hdr")
-        .with_inner_size([1280.0, 800.0])
+        .with_inner_size(start.settings().window)
         .with_min_inner_size([200.0, 150.0])
         .with_drag_and_drop(true);
     let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
@@ -444,7 +492,7 @@ pub fn run(start: Start) -> Result<Pace> {
     let outcome = eframe::run_native(
         "pix2hdr",
         options,
-        Box::new(move |_| Ok(Box::new(Window { viewer: Viewer::new(start), pace: shared }))),
+        Box::new(move |_| Ok(Box::new(Window { viewer: Viewer::new(start, begun), pace: shared }))),
     );
     outcome.map_err(|error| no_window(&error.to_string()))?;
     let pace = pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();

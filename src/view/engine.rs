@@ -404,9 +404,9 @@ impl Worker {
             "shown as it is".clone_into(&mut lock(&self.status).executor);
             return Ok(());
         };
-        let model = Model::load(&self.dials.weights)?;
+        let model = Model::load_for(&self.dials.weights, &recording.pattern)?;
         let warning = check_fits(&model, &recording)?;
-        let Dials { executor, adapter, precision, skip, weights, side, hop } = &self.dials;
+        let Dials { executor, adapter, precision, skip, side, hop, .. } = &self.dials;
         let backend = match self.backend.take() {
             Some(backend) => backend,
             None => Backend::choose(*executor, adapter.as_deref(), *precision)?,
@@ -416,7 +416,7 @@ impl Worker {
         {
             let mut status = lock(&self.status);
             let place = backend.adapter().unwrap_or_else(|| "CPU".into());
-            status.executor = format!("{weights} on {place}, {}", backend.precision().name());
+            status.executor = format!("{} on {place}, {}", model.graph.name, backend.precision().name());
             status.notice = warning.or(status.notice.take());
             status.hop = hop.unwrap_or(window.hop);
             status.recording = Some(Arc::new(recording.clone()));

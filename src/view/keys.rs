@@ -41,6 +41,8 @@ pub fn bindings() -> Vec<Binding> {
     bind(NONE, Key::T, "next tone curve", Action::NextCurve);
     bind(NONE, Key::C, "mark clipped pixels", Action::Clipping);
     bind(NONE, Key::G, "dithering", Action::Dither);
+    bind(NONE, Key::D, "difference pictures: finer", Action::WidenDifference(0.5));
+    bind(SHIFT, Key::D, "coarser", Action::WidenDifference(2.0));
     bind(NONE, Key::V, "next arrangement of panes", Action::NextArrangement);
     bind(NONE, Key::N, "choose the next pane", Action::NextPane);
     let numbers = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7];
@@ -63,6 +65,17 @@ pub fn bindings() -> Vec<Binding> {
     bind(SHIFT, Key::X, "forget all picked pixels", Action::Unpick);
     bind(NONE, Key::P, "time series", Action::Series);
     bind(NONE, Key::K, "dials", Action::Dials);
+    bind(NONE, Key::W, "next net", Action::NextNet);
+    bind(NONE, Key::U, "next executor", Action::NextExecutor);
+    bind(NONE, Key::Y, "next precision", Action::NextPrecision);
+    bind(NONE, Key::Z, "next mode of skipping", Action::NextSkip);
+    bind(
+        NONE,
+        Key::Period,
+        "bounded skipping: allow more error",
+        Action::AllowMore(std::f64::consts::SQRT_2),
+    );
+    bind(NONE, Key::Comma, "allow less", Action::AllowMore(std::f64::consts::FRAC_1_SQRT_2));
     bind(NONE, Key::M, "mark computed cells", Action::Overlay);
     bind(NONE, Key::S, "save the chosen pane's frame as EXR", Action::SaveExr);
     bind(SHIFT, Key::S, "save the chosen pane as PNG", Action::SavePng);
@@ -73,6 +86,7 @@ pub fn bindings() -> Vec<Binding> {
     bind(NONE, Key::B, "light, dark, or as the system", Action::NextTheme);
     bind(NONE, Key::H, "this list", Action::Help);
     bind(NONE, Key::F1, "", Action::Help);
+    bind(CTRL, Key::O, "type a source", Action::Type);
     bind(CTRL, Key::Q, "quit", Action::Quit);
     bindings
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use eframe::egui::{
     self, Align, Align2, CentralPanel, Color32, ComboBox, DragValue, FontId, Frame, Layout, Panel, Rect,
-    RichText, ScrollArea, Sense, Slider, Stroke, Ui, pos2, vec2,
+    RichText, ScrollArea, Sense, Slider, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
 use super::app::{Viewer, resident_bytes};
@@ -15,9 +15,9 @@ use super::panes::{PICKS, short};
 use super::picture::Picture;
 use super::series::Series;
 use super::source::Request;
-use super::state::{Action, Arrangement, EXPOSURES};
+use super::state::{ALLOWED_ERRORS, Action, Arrangement, EXECUTORS, EXPOSURES, PRECISIONS, skips};
 use super::tone::{Curve, STOPS};
-use crate::network::{Precision, presets};
+use crate::network::presets;
 use crate::scene::procedural;
 use crate::synth::{self, Skip};
 
@@ -75,8 +75,12 @@ impl Viewer {
                     .add(egui::TextEdit::singleline(&mut self.typed).desired_width(130.0).hint_text("file or scene"))
                     .on_hover_text(
                         "a scene, a capture (.npy with .json, or its folder), a video (.npy, folder of .exr), or a \
-                         panorama (.exr, .hdr); Enter opens it. Files can be dropped anywhere",
+                         panorama (.exr, .hdr); Enter opens it (Ctrl O). Files can be dropped \
+                         anywhere",
                     );
+                if std::mem::take(&mut self.type_now) {
+                    typed.request_focus();
+                }
                 if typed.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter)) {
                     self.actions.push(Action::Open(Request::parse(self.typed.trim())));
                 }
@@ -118,11 +122,15 @@ impl Viewer {
     fn choose_picture(&mut self, ui: &mut Ui, i: usize) {
         let mut picture = self.state.settings.pictures()[i];
         let before = picture;
-        ComboBox::from_id_salt(("picture", i)).width(84.0).selected_text(picture.name()).show_ui(ui, |ui| {
+        let combo = ComboBox::from_id_salt(("picture", i)).width(84.0).selected_text(picture.name());
+        let shown = combo.show_ui(ui, |ui| {
             for other in Picture::ALL {
                 ui.selectable_value(&mut picture, other, other.name()).on_hover_text(other.describe());
             }
         });
+        let name = format!("picture in pane {}", i + 1);
+        shown.response.widget_info(|| WidgetInfo::labeled(egui::Role::ComboBox, true, &name));
+        shown.response.on_hover_text(format!("{name} (N, then 1 to 7)"));
         if picture != before {
             self.actions.push(Action::Show(i, picture));
         }
@@ -261,7 +269,7 @@ impl Viewer {
             let mut range = display.difference;
             let slider =
                 Slider::new(&mut range, 0.005..=1.0).logarithmic(true).text("difference").max_decimals(3);
-            let tip = "difference of the tone curve l at which blue and orange are strongest";
+            let tip = "difference of the tone curve l at which blue and orange are strongest (D and Shift D)";
             if ui.add(slider).on_hover_text(tip).changed() {
                 self.actions.push(Action::Difference(range));
             }
@@ -303,12 +311,18 @@ impl Viewer {
 
     fn draw_engine(&mut self, ui: &mut Ui) {
         let mut dials: Dials = self.state.dials.clone();
-        ComboBox::from_label("net").selected_text(short_name(&dials.weights)).show_ui(ui, |ui| {
-            for preset in presets::all().iter().filter(|preset| preset.trained) {
-                ui.selectable_value(&mut dials.weights, preset.name.to_owned(), preset.name)
-                    .on_hover_text(preset.purpose);
-            }
-        });
+        ComboBox::from_label("net")
+            .selected_text(short_name(&dials.weights))
+            .show_ui(ui, |ui| {
+                for net in &self.state.nets {
+                    let purpose =
+                        presets::by_name(net).map_or_else(|_| net.clone(), |p| p.purpose.to_owned());
+                    ui.selectable_value(&mut dials.weights, net.clone(), short_name(net))
+                        .on_hover_text(purpose);
+                }
+            })
+            .response
+            .on_hover_text("presets with weights for this pattern, and what --weights named (W)");
         let executor = |request| match request {
             synth::Request::Auto => "auto",
             synth::Request::Gpu => "GPU",
@@ -317,43 +331,43 @@ impl Viewer {
         ComboBox::from_label("executor")
             .selected_text(executor(dials.executor))
             .show_ui(ui, |ui| {
-                for request in [synth::Request::Auto, synth::Request::Gpu, synth::Request::Cpu] {
+                for request in EXECUTORS {
                     ui.selectable_value(&mut dials.executor, request, executor(request));
                 }
             })
             .response
-            .on_hover_text("auto: a real GPU if there is one, else the CPU. GPU takes software Vulkan too");
+            .on_hover_text(
+                "auto: a real GPU if there is one, else the CPU. GPU takes software Vulkan too (U)",
+            );
         ComboBox::from_label("precision")
             .selected_text(dials.precision.name())
             .show_ui(ui, |ui| {
-                for precision in [Precision::F32, Precision::F16] {
+                for precision in PRECISIONS {
                     ui.selectable_value(&mut dials.precision, precision, precision.name());
                 }
             })
             .response
-            .on_hover_text("f16 stores feature channels and weights in 16 bits, on a GPU only");
-        let allowed = match dials.skip {
-            Skip::Bounded(error) => error,
-            _ => Skip::ALLOWED_ERROR,
-        };
+            .on_hover_text("f16 stores feature channels and weights in 16 bits, on a GPU only (Y)");
         ComboBox::from_label("skip")
             .selected_text(dials.skip.name())
             .show_ui(ui, |ui| {
-                for skip in [Skip::Off, Skip::Exact, Skip::Bounded(allowed)] {
+                for skip in skips(dials.skip) {
                     ui.selectable_value(&mut dials.skip, skip, skip.name());
                 }
             })
             .response
             .on_hover_text(
-                "exact: what gives the same bits is kept; bounded: what noise or the allowed error hides",
+                "exact: what gives the same bits is kept; bounded: what noise or the allowed error hides (Z)",
             );
         if let Skip::Bounded(error) = dials.skip {
             let dragged = egui::Id::unique("allowed error");
             let mut error = ui.data(|data| data.get_temp(dragged)).unwrap_or(error);
-            let slider =
-                Slider::new(&mut error, 0.0005..=0.05).logarithmic(true).text("error").max_decimals(4);
+            let slider = Slider::new(&mut error, ALLOWED_ERRORS[0]..=ALLOWED_ERRORS[1])
+                .logarithmic(true)
+                .text("error")
+                .max_decimals(4);
             let response =
-                ui.add(slider).on_hover_text("allowed error in l: 0.002 is 1.7% of the irradiance");
+                ui.add(slider).on_hover_text("allowed error in l: 0.002 is 1.7% of the irradiance (, and .)");
             if response.dragged() {
                 // The engine is left in peace until it is let go.
                 ui.data_mut(|data| data.insert_temp(dragged, error));
@@ -515,6 +529,12 @@ impl Viewer {
                 }
                 ui.monospace("wheel, drag");
                 ui.label("zoom and pan all panes; a double click fits, a click picks a pixel");
+                ui.end_row();
+                ui.monospace("Ctrl + − 0");
+                ui.label("larger, smaller or usual text");
+                ui.end_row();
+                ui.monospace("Tab");
+                ui.label("the next button or field; Escape leaves it");
                 ui.end_row();
                 ui.monospace("Ctrl C");
                 ui.label("copy the values of the picked pixels, or of the one under the pointer");

@@ -11,6 +11,9 @@ use super::picture::Picture;
 use super::place::Look;
 use super::source::Request;
 use super::tone::{Curve, Display};
+use crate::network::{Precision, presets};
+use crate::sensor::Pattern;
+use crate::synth::{self, Skip};
 use crate::video::atomic;
 use crate::{At, Error, Result};
 
@@ -93,6 +96,10 @@ pub struct Settings {
     pub series: bool,
     /// Light or dark.
     pub theme: Theme,
+    /// Width and height of the window at a scale of 1, in points.
+    pub window: [f32; 2],
+    /// How much larger than usual everything is drawn.
+    pub scale: f32,
 }
 
 impl Default for Settings {
@@ -110,6 +117,8 @@ impl Default for Settings {
             dials: true,
             series: false,
             theme: Theme::System,
+            window: [1280.0, 800.0],
+            scale: 1.0,
         }
     }
 }
@@ -149,6 +158,8 @@ impl Settings {
         self.divider = or(self.divider, [0.0, 1.0], 0.5);
         self.display.exposure = or(self.display.exposure, EXPOSURES, 0.0);
         self.display.difference = or(self.display.difference, [0.001, 1.0], 0.1);
+        self.window = self.window.map(|side| or(side, WINDOW, 800.0));
+        self.scale = or(self.scale, SCALES, 1.0);
         self.rate = if self.rate.is_finite() { self.rate.clamp(RATE_RANGE[0], RATE_RANGE[1]) } else { 30.0 };
         self
     }
@@ -174,6 +185,15 @@ impl Settings {
 /// Exposures in stops.
 pub const EXPOSURES: [f32; 2] = [-8.0, 16.0];
 
+/// Shortest and longest side of a window that is remembered, in points.
+pub const WINDOW: [f32; 2] = [150.0, 8192.0];
+
+/// How large everything can be drawn.
+pub const SCALES: [f32; 2] = [0.5, 4.0];
+
+/// Errors that bounded skipping may be allowed, in l.
+pub const ALLOWED_ERRORS: [f64; 2] = [0.0005, 0.05];
+
 /// Most pixels of which the time series is shown.
 pub const MOST_PICKS: usize = 4;
 
@@ -196,6 +216,8 @@ pub struct State {
     pub help: bool,
     /// The engine's dials.
     pub dials: Dials,
+    /// The nets that the dial offers.
+    pub nets: Vec<String>,
     /// Rows and columns of the pictures, and width and height of a pane in points, as they were last drawn.
     pub drawn: ([usize; 2], [f32; 2]),
     /// The pixel under the pointer.
@@ -291,8 +313,22 @@ pub enum Action {
     Copy,
     /// Changes the engine.
     Tune(Dials),
+    /// The next net.
+    NextNet,
+    /// The next executor.
+    NextExecutor,
+    /// The next precision.
+    NextPrecision,
+    /// The next mode of skipping.
+    NextSkip,
+    /// Multiplies the allowed error of bounded skipping.
+    AllowMore(f64),
+    /// Multiplies the range of difference pictures.
+    WidenDifference(f32),
     /// Opens a source.
     Open(Request),
+    /// Puts the cursor where a source is typed.
+    Type,
     /// Ends the viewer.
     Quit,
 }
@@ -306,6 +342,8 @@ pub enum Effect {
     Tune(Dials, usize),
     /// The engine: open this.
     Open(Request),
+    /// Put the cursor where a source is typed.
+    Type,
     /// Write the frame as EXR.
     SaveExr,
     /// Write the first pane as PNG.
@@ -322,6 +360,7 @@ impl State {
     /// A state with these settings and dials.
     pub fn new(settings: Settings, dials: Dials) -> Self {
         let clock = Clock { rate: settings.rate, looping: settings.looping, ..Clock::default() };
+        let nets = vec![dials.weights.clone()];
         Self {
             settings,
             clock,
@@ -331,6 +370,7 @@ impl State {
             pane: 0,
             help: false,
             dials,
+            nets,
             drawn: ([0; 2], [0.0; 2]),
             pointer: None,
         }
@@ -376,6 +416,10 @@ impl State {
             Action::NextCurve => settings.display.curve = next(&Curve::ALL, settings.display.curve),
             Action::Clipping => settings.display.clipping = !settings.display.clipping,
             Action::Dither => settings.display.dither = !settings.display.dither,
+            Action::WidenDifference(by) => {
+                let range = settings.display.difference * by;
+                return self.apply(Action::Difference(range), reach);
+            }
             Action::Difference(l) if l.is_finite() => settings.display.difference = l.clamp(0.001, 1.0),
             Action::Arrange(arrangement) => {
                 settings.arrangement = arrangement;
@@ -462,6 +506,30 @@ impl State {
                     return Some(Effect::Tune(dials, self.clock.frame()));
                 }
             }
+            Action::NextNet => {
+                let at = self.nets.iter().position(|net| *net == self.dials.weights);
+                let next = self.nets.get(at.map_or(0, |at| (at + 1) % self.nets.len())).cloned();
+                let weights = next.unwrap_or_else(|| self.dials.weights.clone());
+                return self.apply(Action::Tune(Dials { weights, ..self.dials.clone() }), reach);
+            }
+            Action::NextExecutor => {
+                let executor = next(&EXECUTORS, self.dials.executor);
+                return self.apply(Action::Tune(Dials { executor, ..self.dials.clone() }), reach);
+            }
+            Action::NextPrecision => {
+                let precision = next(&PRECISIONS, self.dials.precision);
+                return self.apply(Action::Tune(Dials { precision, ..self.dials.clone() }), reach);
+            }
+            Action::NextSkip => {
+                let skip = next(&skips(self.dials.skip), self.dials.skip);
+                return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+            }
+            Action::AllowMore(by) => {
+                if let Skip::Bounded(error) = self.dials.skip {
+                    let skip = Skip::Bounded((error * by).clamp(ALLOWED_ERRORS[0], ALLOWED_ERRORS[1]));
+                    return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+                }
+            }
             Action::Open(request) => {
                 let Clock { rate, looping, .. } = self.clock;
                 self.clock = Clock { rate, looping, ..Clock::default() };
@@ -470,6 +538,7 @@ impl State {
                 self.range = [None; 2];
                 return Some(Effect::Open(request));
             }
+            Action::Type => return Some(Effect::Type),
             Action::Quit => return Some(Effect::Quit),
             // Numbers that are none change nothing.
             Action::Exposure(_) | Action::Difference(_) | Action::Divider(_) => {}
@@ -492,6 +561,36 @@ fn seek(wish: Wish) -> Option<Effect> {
     }
 }
 
+/// All executors.
+pub const EXECUTORS: [synth::Request; 3] = [synth::Request::Auto, synth::Request::Gpu, synth::Request::Cpu];
+
+/// All precisions.
+pub const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F16];
+
+/// All modes of skipping, with the allowed error of `skip` if it has one.
+pub fn skips(skip: Skip) -> [Skip; 3] {
+    let allowed = match skip {
+        Skip::Bounded(error) => error,
+        _ => Skip::ALLOWED_ERROR,
+    };
+    [Skip::Off, Skip::Exact, Skip::Bounded(allowed)]
+}
+
+/// The nets that the dial offers: presets that have weights for `pattern`, and those that the viewer was started with.
+pub fn nets(pattern: Option<&Pattern>, given: &str) -> Vec<String> {
+    let fits = |preset: &presets::Preset| {
+        let made_for = preset.graph().map_or_else(|_| String::new(), |graph| graph.pattern);
+        let fits = |pattern| Pattern::built_in(&made_for).is_ok_and(|made| made.samples_like(pattern));
+        preset.trained && pattern.is_none_or(|pattern| made_for == "any" || fits(pattern))
+    };
+    let mut nets: Vec<String> =
+        presets::all().iter().filter(|p| fits(p)).map(|p| p.name.to_owned()).collect();
+    if !nets.iter().any(|net| net == given) {
+        nets.push(given.to_owned());
+    }
+    nets
+}
+
 /// The one behind `value`; behind the last one comes the first.
 fn next<T: Copy + PartialEq>(all: &[T], value: T) -> T {
     let at = all.iter().position(|other| *other == value).map_or(0, |at| at + 1);
@@ -501,8 +600,6 @@ fn next<T: Copy + PartialEq>(all: &[T], value: T) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::Precision;
-    use crate::synth::{self, Skip};
 
     fn dials() -> Dials {
         Dials {
@@ -592,6 +689,30 @@ mod tests {
         assert_eq!(state.range, [Some(20), None]);
         assert_eq!(state.apply(Action::Record, FILE), Some(Effect::Record([20, 40])));
         assert_eq!(state.apply(Action::Record, Reach { span: None, ..FILE }), None);
+    }
+
+    /// Every dial has a key, and turns back to where it was.
+    #[test]
+    fn dials_go_round() {
+        let mut state = state();
+        state.nets = nets(Pattern::built_in("mpve-1-4").ok().as_ref(), "mine.safetensors");
+        assert!(state.nets.len() > 2 && state.nets.contains(&"fast".to_owned()), "{:?}", state.nets);
+        assert_eq!(nets(Pattern::built_in("sve").ok().as_ref(), "fast"), ["fast"]);
+        let rounds =
+            [(Action::NextNet, state.nets.len()), (Action::NextExecutor, 3), (Action::NextPrecision, 2)];
+        for (action, round) in rounds.into_iter().chain([(Action::NextSkip, 3)]) {
+            for turn in 1..=round {
+                let effect = state.apply(action.clone(), FILE);
+                assert_eq!(effect, Some(Effect::Tune(state.dials.clone(), 0)), "{action:?}");
+                assert_eq!(state.dials == dials(), turn == round, "{action:?} {turn}");
+            }
+        }
+        assert_eq!(state.apply(Action::AllowMore(2.0), FILE), None);
+        state.apply(Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() }), FILE);
+        state.apply(Action::AllowMore(2.0), FILE);
+        assert_eq!(state.dials.skip, Skip::Bounded(0.004));
+        state.apply(Action::AllowMore(1e9), FILE);
+        assert_eq!(state.dials.skip, Skip::Bounded(ALLOWED_ERRORS[1]));
     }
 
     #[test]
