@@ -229,6 +229,45 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
     wait("a refusal", || failure(&engine.status()).filter(|problem| problem.contains("dot.npy")));
 }
 
+/// A source that is unplugged while it plays ends in a line that names it; what was there stays.
+#[test]
+fn a_source_that_goes_away_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, ..) = capture(folder.path(), 600);
+    let engine = Engine::start(opening(), Request::Path(path.clone()), dials(), 1);
+    let shown = wait("a frame", || engine.store.at(0));
+    let array = std::fs::OpenOptions::new().write(true).open(path.join("capture.npy")).unwrap();
+    array.set_len(array.metadata().unwrap().len() / 2).unwrap();
+    let mut playhead = 0;
+    let problem = wait("a message", || {
+        playhead = (playhead + 4).min(599);
+        engine.store.move_to(playhead);
+        failure(&engine.status())
+    });
+    assert!(problem.contains("capture.npy") && !problem.contains('\n'), "{problem}");
+    assert!(engine.store.span().is_some() && shown.ours.is_some());
+    std::fs::remove_dir_all(&path).unwrap();
+    engine.seek(5);
+    wait("a message", || failure(&engine.status()).filter(|p| p.contains("capture") && *p != problem));
+}
+
+/// What a live camera sees is there before there is a result, and moves on with its clock.
+#[test]
+fn a_live_camera_shows_what_it_sees_before_there_is_a_result() {
+    let engine = Engine::start(opening(), Request::Scene("fan".into()), dials(), 1 << 20);
+    let status = wait("frames of the camera", || {
+        let status = engine.status();
+        assert_eq!(status.frames, 0, "the test is too slow to see them");
+        (status.arriving.len() == 64).then_some(status)
+    });
+    let number = |exposed| status.preview(exposed).map(|frame| frame.number);
+    assert_eq!([number(64.0), number(70.5), number(900.0)], [Some(0), Some(6), Some(63)]);
+    let frame = status.preview(64.0).unwrap();
+    assert!(frame.mosaic.is_some() && frame.truth.is_some() && frame.ours.is_none());
+    wait("a result", || engine.store.at(0));
+    assert!(engine.status().arriving.is_empty());
+}
+
 /// Sample and hold, ground truth, and videos as they are.
 #[test]
 fn captures_that_hold_have_their_truth_and_videos_can_be_plain() {

@@ -225,7 +225,8 @@ impl Viewer {
         let frame = self.state.clock.frame();
         self.engine.store.move_to(frame);
         // Until something new is there, the last picture stays.
-        if let Some(shown) = self.engine.store.at(frame) {
+        let preview = || self.status.preview(self.engine.clock.exposed(now)).cloned();
+        if let Some(shown) = self.engine.store.at(frame).or_else(preview) {
             self.measured.first[1].get_or_insert(now);
             self.shown = Some(shown);
         }
@@ -465,6 +466,11 @@ struct Window {
 }
 
 impl eframe::App for Window {
+    /// What is around pictures; they need not be filled then, which counts where software draws.
+    fn clear_color(&self, _: &egui::Visuals) -> [f32; 4] {
+        [0.0, 0.0, 0.0, 1.0]
+    }
+
     fn ui(&mut self, ui: &mut egui::Ui, _: &mut eframe::Frame) {
         self.viewer.show(ui);
     }
@@ -483,7 +489,8 @@ pub fn run(start: Start) -> Result<Pace> {
         .with_inner_size(start.settings().window)
         .with_min_inner_size([200.0, 150.0])
         .with_drag_and_drop(true);
-    let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    // Pictures are dithered by themselves; the rest has no gradients.
+    let options = eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
     let pace = Arc::new(std::sync::Mutex::new(Pace::default()));
     let shared = Arc::clone(&pace);
     if !has_display() {

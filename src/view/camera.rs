@@ -19,7 +19,7 @@ pub const BLOCK: usize = 32;
 /// Frames, besides a quarter of a second, that a camera keeps before it drops the oldest.
 const KEPT: f64 = 2.0 * BLOCK as f64;
 /// Instants of motion blur per frame.
-const INSTANTS: usize = 4;
+const INSTANTS: usize = 2;
 /// Frames, and their distance, that the anchor is taken from.
 const ANCHOR_FRAMES: [usize; 2] = [4, 40];
 /// How often a camera looks at its clock.
@@ -77,6 +77,11 @@ impl LiveCamera {
             *value = (*value / self.anchor).min(1.0);
         }
         video
+    }
+
+    /// Rows and columns.
+    pub fn extent(&self) -> [usize; 2] {
+        self.extent
     }
 
     /// Longest exposure in frames: the latency that the camera costs.

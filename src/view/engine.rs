@@ -27,6 +27,13 @@ pub const HISTORY: usize = 240;
 /// How often a lost GPU is opened again before the engine gives up.
 const REBUILDS: usize = 3;
 
+/// By how much the engine is nicer than the interface.
+#[cfg(target_os = "linux")]
+const NICENESS: i32 = 4;
+
+/// Frames that a live camera has exposed when it is opened, so that the first window need not be waited for.
+const HEAD_START: usize = 2 * BLOCK;
+
 /// How long a viewer that is closed waits for the engine.
 const FAREWELL: Duration = Duration::from_secs(2);
 /// Result frames of a window, where the user says nothing and the net can do with fewer than its own number: a picture is
@@ -110,14 +117,22 @@ pub struct Status {
     pub frames: u64,
     /// Frames of a window.
     pub hop: usize,
+    /// What a live camera has delivered, until the first result is there.
+    pub arriving: VecDeque<Arc<Frame>>,
 }
 
 impl Status {
-    /// Frames delivered per second, over the last two seconds.
+    /// Frames delivered per second, over the last five seconds: they come in bursts, a window at a time.
     pub fn frames_per_s(&self, now: Instant) -> f64 {
-        let span = Duration::from_secs(2);
-        let recent = self.delivered.iter().filter(|t| now.saturating_duration_since(**t) < span).count();
-        recent as f64 / span.as_secs_f64()
+        let age = |t: &Instant| now.saturating_duration_since(*t).as_secs_f64();
+        let span = self.delivered.front().map_or(5.0, age).clamp(1.0, 5.0);
+        self.delivered.iter().filter(|t| age(t) <= span).count() as f64 / span
+    }
+
+    /// The frame that a live camera, which has exposed so many, shows before there is a result.
+    pub fn preview(&self, exposed: f64) -> Option<&Arc<Frame>> {
+        let number = (exposed as usize).saturating_sub(HEAD_START);
+        self.arriving.iter().rfind(|frame| frame.number <= number).or(self.arriving.front())
     }
 
     /// Median milliseconds per frame of the last ones.
@@ -139,6 +154,7 @@ impl Status {
         // Two seconds at the highest rates that are of use.
         keep(&mut self.delivered, Instant::now(), 4096);
         self.frames += 1;
+        self.arriving.clear();
     }
 }
 
@@ -185,6 +201,7 @@ impl Engine {
             let mailbox = Arc::clone(&mailbox);
             // A scene stays on the thread that opened it.
             move || {
+                yield_to_the_interface();
                 let cores = std::thread::available_parallelism().map_or(1, usize::from);
                 let beside = match ThreadPoolBuilder::new().num_threads(cores.div_ceil(2)).build() {
                     Ok(pool) => pool,
@@ -272,6 +289,16 @@ impl Drop for Engine {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Lowers the priority of this thread, and so of those that it starts: a window that software draws needs the same cores,
+/// and a user notices the interface's milliseconds, not the engine's. Only Linux has priorities of threads that can be
+/// had without privileges and inherited; elsewhere nothing is done.
+fn yield_to_the_interface() {
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::nice(NICENESS) {
+        tracing::info!("the engine keeps its priority: {error}");
+    }
 }
 
 /// What the thread works with.
@@ -500,22 +527,34 @@ impl Worker {
         generation: Generation,
     ) -> Result<()> {
         let stop = synthesizer.stop();
+        let mut first = None;
         if lock(&self.status).frames == 0 {
             self.due = 0;
-            self.clock.set(0.0, Instant::now());
+            first = Some(0);
+            self.clock.set(HEAD_START as f64, Instant::now());
         }
         loop {
             if !self.arm(&stop) {
                 return Ok(());
             }
-            let begin = LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.due);
+            // The head start is no delay that anything would have to be dropped for.
+            let newest = || LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.due);
+            let begin = first.take().unwrap_or_else(newest);
             lock(&self.status).dropped += (begin - self.due) as u64;
             self.say(Phase::Running);
             let pending = Pending::default();
             let (clock, stop) = (Arc::clone(&self.clock), Arc::clone(&stop));
             let shared = Shared { clock, stop, beside: &self.beside };
+            let (status, [height, width]) = (Arc::clone(&self.status), camera.extent());
             let mut frames = LiveRun::new(camera, begin, shared, |number, mosaic, truth| {
                 let (mosaic, truth) = (mosaic.to_vec(), Some(truth.to_vec()));
+                let mut status = lock(&status);
+                if status.frames == 0 && status.arriving.len() < HEAD_START {
+                    let (mosaic, truth) = (Some(mosaic.clone()), truth.clone());
+                    let frame = Frame { number, height, width, mosaic, truth, ..Frame::default() };
+                    status.arriving.push_back(Arc::new(frame));
+                }
+                drop(status);
                 lock(&pending).push_back(Passing { number, mosaic, truth });
             })?;
             let delivery = self.delivery(&frames, generation, begin, false);

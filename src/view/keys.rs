@@ -101,7 +101,9 @@ impl Binding {
         if self.modifiers.shift {
             name += "Shift ";
         }
-        name + self.key.symbol_or_name()
+        // The symbols of arrows are in no font.
+        let arrow = matches!(self.key, Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown);
+        name + if arrow { self.key.name() } else { self.key.symbol_or_name() }
     }
 }
 

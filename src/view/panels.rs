@@ -166,7 +166,9 @@ impl Viewer {
                     self.actions.push(Action::Rate(rate));
                 }
                 let slowed = self.state.clock.slowed(self.status.about.period_ms.max(1e-9));
-                let words = if (0.99..1.01).contains(&slowed) {
+                let words = if self.status.about.period_ms <= 0.0 {
+                    String::new()
+                } else if (0.99..1.01).contains(&slowed) {
                     "real speed".to_owned()
                 } else if slowed > 1.0 {
                     format!("slowed {slowed:.3}×")
@@ -425,7 +427,7 @@ impl Viewer {
             ui,
             "frames delivered",
             format!("{:.0} /s", status.frames_per_s(now)),
-            "over the last two seconds",
+            "over the last five seconds",
         );
         let live = about.frames.is_none();
         let dropped = if live { status.dropped.to_string() } else { "none (file)".into() };

@@ -126,7 +126,6 @@ impl Viewer {
     /// Draws a picture into `pane`, as much of it as `clip` lets be seen.
     fn draw_pane(&mut self, ui: &Ui, pane: Rect, clip: Rect, i: usize, picture: Picture) {
         let painter = ui.painter_at(clip);
-        painter.rect_filled(clip, 0.0, Color32::BLACK);
         let Some(frame) = self.shown.clone() else { return };
         let (extent, size) = ([frame.height, frame.width], [pane.width(), pane.height()]);
         self.state.drawn = (extent, size);
@@ -135,6 +134,8 @@ impl Viewer {
         if !picture.is_there(&frame) {
             let text = if self.status.recording.is_none() {
                 "a plain video has only its frames"
+            } else if frame.ours.is_none() {
+                "the first frames are being computed"
             } else {
                 "there is no ground truth of this source"
             };
@@ -295,8 +296,9 @@ impl Viewer {
                 painter.rect_filled(rect, 6.0, Color32::from_rgb(120, 40, 10));
                 painter.galley(rect.min + vec2(12.0, 10.0), galley, Color32::WHITE);
             }
-            Phase::Preparing if self.shown.is_none() => {
-                let text = format!("opening {} …", self.status.about.name);
+            Phase::Preparing | Phase::Running if self.shown.is_none() => {
+                let does = if self.status.phase == Phase::Preparing { "opening" } else { "computing" };
+                let text = format!("{does} {} …", self.status.about.name);
                 label(&painter, area.center(), Align2::CENTER_CENTER, &text, Color32::WHITE);
             }
             _ => {}
