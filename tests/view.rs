@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Modifiers};
 use egui_kittest::Harness;
-use egui_kittest::kittest::Queryable;
+use egui_kittest::kittest::{NodeT, Queryable};
 use pix2hdr::network::Precision;
 use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
@@ -233,16 +233,22 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
 #[test]
 fn a_source_that_goes_away_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, ..) = capture(folder.path(), 600);
+    let path = folder.path().join("capture");
+    // Longer than what the reader has in its buffer.
+    let [height, width] = EXTENT;
+    let grey = Video::new(2000, height, width, vec![0.25; 2000 * height * width]).unwrap();
+    sampler().sample(&grey).unwrap().write(&path).unwrap();
     let engine = Engine::start(opening(), Request::Path(path.clone()), dials(), 1);
     let shown = wait("a frame", || engine.store.at(0));
     let array = std::fs::OpenOptions::new().write(true).open(path.join("capture.npy")).unwrap();
-    array.set_len(array.metadata().unwrap().len() / 2).unwrap();
+    array.set_len(array.metadata().unwrap().len() / 4).unwrap();
     let mut playhead = 0;
     let problem = wait("a message", || {
-        playhead = (playhead + 4).min(599);
+        playhead = (playhead + 4).min(1999);
         engine.store.move_to(playhead);
-        failure(&engine.status())
+        let status = engine.status();
+        assert_ne!(status.phase, Phase::Finished, "{} frames", status.frames);
+        failure(&status)
     });
     assert!(problem.contains("capture.npy") && !problem.contains('\n'), "{problem}");
     assert!(engine.store.span().is_some() && shown.ours.is_some());
@@ -429,6 +435,75 @@ fn frames_and_ranges_are_written_and_settings_remembered() {
     let (settings, path) = (interface.settings().clone(), interface.folder.path().join("view.json"));
     drop(interface.harness);
     assert_eq!(Settings::read(&path), settings);
+}
+
+/// Points by which what a panel holds may lie elsewhere than in its snapshot.
+const TOLERANCE: f64 = 3.0;
+
+/// A line for each thing that can be read or used: role, name, and where it is. Numbers in names, which differ from run to
+/// run, are `#`, and so is where such a text begins: it may stand at the right.
+fn layout(interface: &Interface) -> Vec<(String, [f64; 2])> {
+    let mut things = Vec::new();
+    for node in interface.harness.root().children_recursive() {
+        let node = node.accesskit_node();
+        let name = node.label().or_else(|| node.value()).unwrap_or_default();
+        // Runs of text repeat the labels that they are in.
+        let counts = !name.is_empty() && node.role() != egui::Role::TextRun;
+        let Some(rect) = node.bounding_box().filter(|_| counts) else { continue };
+        let folder = interface.folder.path().display().to_string();
+        let mut masked = String::new();
+        for c in name.replace(&folder, "").chars() {
+            match c {
+                '0'..='9' | '.' if masked.ends_with('#') => {}
+                '0'..='9' => masked.push('#'),
+                c => masked.push(c),
+            }
+        }
+        let x = if masked.contains('#') { 0.0 } else { rect.x0 };
+        things.push((format!("{:?} {masked}", node.role()), [x, rect.y0]));
+    }
+    things
+}
+
+/// Compares the layout with a snapshot; `UPDATE_SNAPSHOTS=1` writes it anew.
+fn check_layout(interface: &Interface, name: &str) {
+    let path = Path::new("tests/snapshots").join(format!("{name}.txt"));
+    let found = layout(interface);
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
+        let lines: Vec<String> = found.iter().map(|(t, [x, y])| format!("{x:.0}\t{y:.0}\t{t}\n")).collect();
+        std::fs::write(&path, lines.concat()).unwrap();
+    }
+    let snapshot = std::fs::read_to_string(&path).unwrap();
+    let expected: Vec<Vec<&str>> = snapshot.lines().map(|line| line.splitn(3, '\t').collect()).collect();
+    for (line, (thing, at)) in expected.iter().zip(&found) {
+        assert_eq!(line[2], thing, "{name}");
+        for (expected, found) in line.iter().zip(at) {
+            let expected: f64 = expected.parse().unwrap();
+            assert!((expected - found).abs() <= TOLERANCE, "{name}: {thing} is at {at:?}, not {line:?}");
+        }
+    }
+    assert_eq!(expected.len(), found.len(), "{name}: {found:?}");
+}
+
+/// What the main panels hold, and where.
+#[test]
+fn the_main_panels_are_laid_out_as_they_were() {
+    let mut interface = Interface::new([1280.0, 800.0], 24);
+    interface.until("all frames", |viewer| viewer.status().phase == Phase::Finished);
+    let reach = pix2hdr::view::clock::Reach { span: Some([0, 23]), frames: Some(24), burst: 8 };
+    let mut check = |name: &str, actions: &[Action]| {
+        for action in actions {
+            interface.harness.state_mut().state.apply(action.clone(), reach);
+        }
+        interface.until("frame 12", |viewer| viewer.shown().is_some_and(|frame| frame.number == 12));
+        interface.harness.run_steps(3);
+        check_layout(&interface, name);
+    };
+    check("panes-and-dials", &[Action::Play, Action::GoTo(12)]);
+    let difference = Action::Show(1, Picture::Difference);
+    let skip = Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() });
+    check("divider", &[Action::Arrange(Arrangement::Divider), difference, skip]);
+    check("keys", &[Action::Help, Action::Dials]);
 }
 
 /// While synthesis runs as fast as it can, a pass of the interface does not wait for it.

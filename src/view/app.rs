@@ -516,7 +516,8 @@ fn has_display() -> bool {
 }
 
 fn no_window(problem: &str) -> Error {
-    let problem = problem.lines().next().unwrap_or_default();
+    // What the window's library says begins with where in its source it says it.
+    let problem = problem.lines().next().unwrap_or_default().rsplit(": ").next().unwrap_or_default();
     Error::Usage(format!(
         "cannot open a window: {problem}; without one, `pix2hdr synth` and `pix2hdr demo` write files"
     ))

@@ -16,8 +16,11 @@ use crate::{Error, Result};
 
 /// Frames that are exposed before they are delivered together; a multiple of every built-in pattern's period.
 pub const BLOCK: usize = 32;
-/// Frames, besides a quarter of a second, that a camera keeps before it drops the oldest.
-const KEPT: f64 = 2.0 * BLOCK as f64;
+/// Frames, besides a quarter of a second, that a camera keeps before it drops the oldest: what a run begins with, and as
+/// many again.
+const KEPT: f64 = 2.0 * HEAD_START as f64;
+/// Frames that a camera has exposed when a run begins, so that a window can be computed at once.
+pub const HEAD_START: usize = 2 * BLOCK;
 /// Instants of motion blur per frame.
 const INSTANTS: usize = 2;
 /// Frames, and their distance, that the anchor is taken from.
@@ -98,9 +101,9 @@ impl LiveCamera {
         Ok(recording)
     }
 
-    /// Where a run may begin at or before frame `t`.
-    pub fn beginning(t: f64) -> usize {
-        t.max(0.0) as usize / BLOCK * BLOCK
+    /// Where a run begins when `exposed` frames are exposed.
+    pub fn beginning(exposed: f64) -> usize {
+        (exposed.max(0.0) as usize).saturating_sub(HEAD_START) / BLOCK * BLOCK
     }
 }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::camera::{BLOCK, LiveCamera, LiveRun, Shared};
+use super::camera::{BLOCK, HEAD_START, LiveCamera, LiveRun, Shared};
 use super::clock::CameraClock;
 use super::frame::{Computed, Frame};
 use super::source::{Opening, Request, Source};
@@ -30,9 +30,6 @@ const REBUILDS: usize = 3;
 /// By how much the engine is nicer than the interface.
 #[cfg(target_os = "linux")]
 const NICENESS: i32 = 4;
-
-/// Frames that a live camera has exposed when it is opened, so that the first window need not be waited for.
-const HEAD_START: usize = 2 * BLOCK;
 
 /// How long a viewer that is closed waits for the engine.
 const FAREWELL: Duration = Duration::from_secs(2);
@@ -527,19 +524,15 @@ impl Worker {
         generation: Generation,
     ) -> Result<()> {
         let stop = synthesizer.stop();
-        let mut first = None;
         if lock(&self.status).frames == 0 {
             self.due = 0;
-            first = Some(0);
             self.clock.set(HEAD_START as f64, Instant::now());
         }
         loop {
             if !self.arm(&stop) {
                 return Ok(());
             }
-            // The head start is no delay that anything would have to be dropped for.
-            let newest = || LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.due);
-            let begin = first.take().unwrap_or_else(newest);
+            let begin = LiveCamera::beginning(self.clock.exposed(Instant::now())).max(self.due);
             lock(&self.status).dropped += (begin - self.due) as u64;
             self.say(Phase::Running);
             let pending = Pending::default();

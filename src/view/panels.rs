@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use eframe::egui::{
     self, Align, Align2, CentralPanel, Color32, ComboBox, DragValue, FontId, Frame, Layout, Panel, Rect,
-    RichText, ScrollArea, Sense, Slider, Stroke, Ui, WidgetInfo, pos2, vec2,
+    RichText, ScrollArea, Sense, Slider, Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
 };
 
 use super::app::{Viewer, resident_bytes};
@@ -223,6 +223,10 @@ impl Viewer {
     }
 
     fn draw_dials(&mut self, ui: &mut Ui) {
+        // Figures are read, not only looked up.
+        if let Some(small) = ui.style_mut().text_styles.get_mut(&TextStyle::Small) {
+            small.size = 11.0;
+        }
         ui.add_space(4.0);
         ui.strong("Picture");
         self.draw_display(ui);
@@ -607,7 +611,7 @@ fn draw_plot(ui: &Ui, rect: Rect, [y, x]: [usize; 2], colour: Color32, series: &
     painter.text(
         pos2(left, rect.top() + 2.0),
         Align2::LEFT_TOP,
-        format!("{:14} TC    FD  FWHM", "frames"),
+        format!("{:15}TC       FD  FWHM", "frames"),
         small.clone(),
         ui.visuals().weak_text_color(),
     );
@@ -626,7 +630,7 @@ fn draw_plot(ui: &Ui, rect: Rect, [y, x]: [usize; 2], colour: Color32, series: &
         painter.text(
             pos2(left, top),
             Align2::LEFT_TOP,
-            format!("{:14}{reading}", line.name),
+            format!("{:15}{reading}", line.name),
             small.clone(),
             line_colour,
         );

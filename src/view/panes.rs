@@ -78,7 +78,7 @@ impl Viewer {
         self.draw_state(ui, area);
     }
 
-    /// Where panes are: in as many columns as show the pictures largest.
+    /// Where panes are: in as many even columns as show the pictures largest.
     fn rects(&self, area: Rect, count: usize) -> Vec<Rect> {
         const GAP: f32 = 2.0;
         let [height, width] = self.shown.as_ref().map_or([1, 1], |frame| [frame.height, frame.width]);
@@ -93,7 +93,8 @@ impl Viewer {
             let size = size(*columns);
             (size.x / width as f32).min(size.y / height as f32)
         };
-        let columns = (1..=count).max_by(|a, b| scale(a).total_cmp(&scale(b))).unwrap_or(1);
+        let even = (1..=count).filter(|columns| count.is_multiple_of(*columns));
+        let columns = even.max_by(|a, b| scale(a).total_cmp(&scale(b))).unwrap_or(1);
         let size = size(columns);
         let corner = |i: usize| {
             area.min + vec2((i % columns) as f32 * (size.x + GAP), (i / columns) as f32 * (size.y + GAP))
@@ -310,7 +311,7 @@ impl Viewer {
 fn label(painter: &Painter, at: Pos2, align: Align2, text: &str, colour: Color32) {
     let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(13.0), colour);
     let rect = align.anchor_size(at, galley.size());
-    painter.rect_filled(rect.expand(3.0), 3.0, Color32::from_black_alpha(170));
+    painter.rect_filled(rect.expand(4.0), 3.0, Color32::from_black_alpha(190));
     painter.galley(rect.min, galley, colour);
 }
 
