@@ -133,6 +133,7 @@ impl View {
             "passes": pace.passes,
             "interval_ms": pace.interval_ms,
             "pass_ms": pace.pass_ms,
+            "net_ms": pace.net_ms,
             "frames": pace.frames,
             "dropped": pace.dropped,
             "memory_bytes": pace.memory,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use eframe::egui;
+use eframe::{egui, egui_wgpu};
 
 use super::clock::Reach;
 use super::engine::{Dials, Engine, Phase, Status};
@@ -24,6 +24,10 @@ use crate::{Error, Result};
 const STORE_BYTES: usize = 512 << 20;
 /// How long messages are shown.
 const MESSAGE_TIME: Duration = Duration::from_secs(8);
+/// Passes per second at most: what screens show, and what is shown of it where software draws, which takes the cores that
+/// synthesis needs, and as long as half of such a pass.
+const PASSES: f64 = 60.0;
+const PASSES_OF_SOFTWARE: f64 = 30.0;
 /// The pace at which changes are looked for where nothing plays.
 const IDLE: Duration = Duration::from_millis(200);
 
@@ -74,6 +78,8 @@ pub struct Pace {
     pub pass_ms: [f64; 3],
     /// Milliseconds from the start to the first pass, and to the first picture, if there was one.
     pub start_ms: [Option<f64>; 2],
+    /// Median milliseconds of the net per frame, of the last ones.
+    pub net_ms: Option<f32>,
     /// Frames that were delivered.
     pub frames: u64,
     /// Frames that the camera dropped.
@@ -105,6 +111,7 @@ pub struct Viewer {
     pub(super) messages: VecDeque<Message>,
     pub(super) actions: Vec<Action>,
     pub(super) bindings: Vec<Binding>,
+    most_passes: f64,
     start: Start,
     jobs: (Sender<Message>, Receiver<Message>),
     saved: Settings,
@@ -145,6 +152,7 @@ impl Viewer {
             messages: VecDeque::new(),
             actions: Vec::new(),
             bindings: bindings(),
+            most_passes: PASSES,
             start,
             jobs: channel(),
             saved: settings,
@@ -287,7 +295,7 @@ impl Viewer {
         let playing =
             self.state.clock.playing && matches!(self.status.phase, Phase::Running | Phase::Finished);
         let pause = if playing {
-            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, 60.0))
+            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.most_passes))
         } else if self.status.phase == Phase::Preparing || self.shown.is_none() {
             Duration::from_millis(50)
         } else {
@@ -412,6 +420,7 @@ impl Viewer {
                 .measured
                 .first
                 .map(|first| first.map(|first| 1e3 * (first - self.measured.begun).as_secs_f64())),
+            net_ms: status.median_ms(),
             frames: status.frames,
             dropped: status.dropped,
             memory: [self.measured.memory, resident_bytes()],
@@ -499,7 +508,16 @@ pub fn run(start: Start) -> Result<Pace> {
     let outcome = eframe::run_native(
         "pix2hdr",
         options,
-        Box::new(move |_| Ok(Box::new(Window { viewer: Viewer::new(start, begun), pace: shared }))),
+        Box::new(move |context| {
+            let mut viewer = Viewer::new(start, begun);
+            let is_software = |state: &egui_wgpu::RenderState| {
+                state.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+            };
+            if context.wgpu_render_state.as_ref().is_some_and(is_software) {
+                viewer.most_passes = PASSES_OF_SOFTWARE;
+            }
+            Ok(Box::new(Window { viewer, pace: shared }))
+        }),
     );
     outcome.map_err(|error| no_window(&error.to_string()))?;
     let pace = pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();

@@ -281,7 +281,7 @@ impl Viewer {
             }
         }
         if display.curve == Curve::FalseColour {
-            ui.small(format!("{STOPS:.0} stops, dark to bright, up to p = 2^{:.1}", -display.exposure));
+            ui.small(format!("{STOPS:.0} stops, dark to bright, up to p = 2^{:.1}", 0.0 - display.exposure));
         }
         self.draw_histogram(ui);
     }

@@ -78,7 +78,11 @@ impl Series {
 
     /// How long it is above `level`, around its peak, in frames; crossings are interpolated.
     fn duration(&self, level: f64) -> Option<f64> {
-        let peak = (0..self.points.len()).max_by(|a, b| self.points[*a][1].total_cmp(&self.points[*b][1]))?;
+        // Of equal peaks, the one in the middle has most of both its sides.
+        let off = |i: &usize| (2 * i + 1).abs_diff(self.points.len());
+        let value = |i: &usize| self.points[*i][1];
+        let peak = (0..self.points.len())
+            .max_by(|a, b| value(a).total_cmp(&value(b)).then_with(|| off(b).cmp(&off(a))))?;
         let crossing = |above: [f64; 2], below: [f64; 2]| {
             above[0] + (below[0] - above[0]) * (above[1] - level) / (above[1] - below[1])
         };
@@ -116,6 +120,12 @@ mod tests {
         assert!((reading.contrast - 1.0 / 3.0).abs() < 1e-9);
         assert_eq!(reading.full_duration, None);
         assert!((reading.half_width.unwrap() - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn of_equal_peaks_the_middle_one_is_read() {
+        let reading = series(&[1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0]).read().unwrap();
+        assert!((reading.half_width.unwrap() - 2.0).abs() < 1e-9);
     }
 
     #[test]
