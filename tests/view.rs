@@ -260,7 +260,9 @@ fn a_source_that_goes_away_is_named() {
 /// What a live camera sees is there before there is a result, and moves on with its clock.
 #[test]
 fn a_live_camera_shows_what_it_sees_before_there_is_a_result() {
-    let engine = Engine::start(opening(), Request::Scene("fan".into()), dials(), 1 << 20);
+    // Large enough for the first window to take a while.
+    let large = Opening { extent: [192, 192], ..opening() };
+    let engine = Engine::start(large, Request::Scene("fan".into()), dials(), 1 << 24);
     let status = wait("frames of the camera", || {
         let status = engine.status();
         assert_eq!(status.frames, 0, "the test is too slow to see them");
@@ -504,6 +506,25 @@ fn the_main_panels_are_laid_out_as_they_were() {
     let skip = Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() });
     check("divider", &[Action::Arrange(Arrangement::Divider), difference, skip]);
     check("keys", &[Action::Help, Action::Dials]);
+}
+
+/// Without a display, or with one that cannot be reached, a line says what works without.
+#[test]
+#[cfg(target_os = "linux")]
+fn without_a_display_a_line_names_what_works() {
+    for display in [None, Some(":4094")] {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_pix2hdr"));
+        command.arg("view");
+        for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+            command.env_remove(name);
+        }
+        command.envs(display.map(|display| ("DISPLAY", display)));
+        let output = command.output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && output.stdout.is_empty(), "{said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{said}");
+        assert!(said.contains("synth") && said.contains("demo") && !said.contains(".rs"), "{said}");
+    }
 }
 
 /// While synthesis runs as fast as it can, a pass of the interface does not wait for it.
