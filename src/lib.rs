@@ -16,5 +16,7 @@ pub mod scene;
 pub mod sensor;
 pub mod synth;
 pub mod video;
+#[cfg(feature = "view")]
+pub mod view;
 
 pub use error::{At, Error, Result};

@@ -14,6 +14,8 @@ mod suite;
 mod synth;
 mod table;
 mod terminal;
+#[cfg(feature = "view")]
+mod view;
 mod weights;
 
 use clap::{Parser, Subcommand};
@@ -40,6 +42,8 @@ enum Command {
     Eval(eval::Eval),
     Suite(suite::SuiteCommand),
     Bench(bench::Bench),
+    #[cfg(feature = "view")]
+    View(view::View),
     Dataset(dataset::Dataset),
     Devices(devices::Devices),
     Weights(weights::Weights),
@@ -58,6 +62,8 @@ impl Arguments {
             Command::Eval(command) => command.run(),
             Command::Suite(command) => command.run(),
             Command::Bench(command) => command.run(),
+            #[cfg(feature = "view")]
+            Command::View(command) => command.run(),
             Command::Dataset(command) => command.run(),
             Command::Devices(command) => command.run(),
             Command::Weights(command) => command.run(),

@@ -119,7 +119,7 @@ impl Synth {
         bar.set_position(from as u64);
         bar.reset_eta();
         let run = synthesizer.stream(&mut *file.into_frames(), from, |frame| {
-            let ResultFrame { number, values, computed } = frame;
+            let ResultFrame { number, values, computed, .. } = frame;
             result.writer.push(&values)?;
             if let Some(preview) = &mut preview {
                 preview.push(&values)?;

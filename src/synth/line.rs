@@ -29,6 +29,10 @@ pub struct ResultFrame {
     pub values: Vec<f32>,
     /// Where something may be skipped, which cells of its window were computed, and its slab there.
     pub computed: Option<(Arc<Active>, usize)>,
+    /// Rows and columns of a cell, in pixels.
+    pub cell: [usize; 2],
+    /// Its share of the time in which executors computed since the last window, or were waited for.
+    pub inference: Duration,
 }
 
 /// A window whose tiles are submitted.
@@ -78,6 +82,8 @@ pub struct Line<'a> {
     ahead: usize,
     deliver: SyncSender<ResultFrame>,
     finished: Instant,
+    /// Of `done.inference`, what delivered frames have accounted for.
+    accounted: Duration,
 }
 
 enum Event {
@@ -113,6 +119,7 @@ impl<'a> Line<'a> {
             ahead: 1,
             deliver,
             finished: Instant::now(),
+            accounted: Duration::ZERO,
         }
     }
 
@@ -236,12 +243,19 @@ impl<'a> Line<'a> {
 
     fn deliver(&mut self, window: Submitted, result: &Video) -> Result<()> {
         let active = window.choice.active.map(Arc::new);
+        let inference = match u32::try_from(window.wanted.end - window.wanted.start) {
+            Ok(frames @ 1..) => self.done.inference.saturating_sub(self.accounted) / frames,
+            _ => Duration::ZERO,
+        };
+        self.accounted = self.done.inference;
         for t in window.wanted {
             let in_window = (t - window.begin) as usize;
             let frame = ResultFrame {
                 number: (t - self.start) as usize,
                 values: result.frame(in_window).to_vec(),
                 computed: active.clone().map(|active| (active, in_window / self.cells.size[0])),
+                cell: [self.cells.size[1], self.cells.size[2]],
+                inference,
             };
             self.deliver.send(frame).map_err(|_| Error::Usage("nobody takes the result".into()))?;
             self.done.frames += 1;

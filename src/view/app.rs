@@ -1,0 +1,542 @@
+//! The viewer: the engine, the state, and what is drawn of them.
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use eframe::{egui, egui_wgpu};
+
+use super::clock::Reach;
+use super::engine::{Dials, Engine, Phase, Status};
+use super::export;
+use super::frame::Frame;
+use super::keys::{Binding, bindings};
+use super::panes::Pane;
+use super::picture::{Kinds, Picture};
+use super::source::{Opening, Request};
+use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
+use super::tone::ToneTable;
+use crate::{Error, Result};
+
+/// Bytes of frames that are kept.
+const STORE_BYTES: usize = 512 << 20;
+/// How long messages are shown.
+const MESSAGE_TIME: Duration = Duration::from_secs(8);
+/// Passes per second at most: what screens show, and what is shown of it where software draws, which takes the cores that
+/// synthesis needs, and as long as half of such a pass.
+const PASSES: f64 = 60.0;
+const PASSES_OF_SOFTWARE: f64 = 30.0;
+/// The pace at which changes are looked for where nothing plays.
+const IDLE: Duration = Duration::from_millis(200);
+
+/// How the viewer is started.
+#[derive(Clone, Debug)]
+pub struct Start {
+    /// What is shown first.
+    pub request: Request,
+    /// How sources are opened.
+    pub opening: Opening,
+    /// The engine's dials.
+    pub dials: Dials,
+    /// Where files are written.
+    pub out: PathBuf,
+    /// Where settings are kept, if anywhere.
+    pub settings: Option<PathBuf>,
+    /// Frames per second, in place of the remembered rate.
+    pub rate: Option<f64>,
+    /// End after so many seconds.
+    pub seconds: Option<f64>,
+}
+
+impl Start {
+    /// What is remembered from last time.
+    fn settings(&self) -> Settings {
+        self.settings.as_ref().map_or_else(Settings::default, |path| Settings::read(path))
+    }
+}
+
+/// A line for the user.
+#[derive(Clone, Debug)]
+pub(super) struct Message {
+    pub(super) text: String,
+    pub(super) bad: bool,
+    since: Instant,
+}
+
+/// How the interface kept up.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pace {
+    /// Seconds since the window opened.
+    pub seconds: f64,
+    /// Passes of the interface.
+    pub passes: usize,
+    /// Milliseconds from one pass to the next: median, 95th percentile, largest.
+    pub interval_ms: [f64; 3],
+    /// Milliseconds that a pass took: median, 95th percentile, largest.
+    pub pass_ms: [f64; 3],
+    /// Milliseconds from the start to the first pass, and to the first picture, if there was one.
+    pub start_ms: [Option<f64>; 2],
+    /// Median milliseconds of the net per frame, of the last ones.
+    pub net_ms: Option<f32>,
+    /// Frames that were delivered.
+    pub frames: u64,
+    /// Frames that the camera dropped.
+    pub dropped: u64,
+    /// Bytes of memory of the process after ten seconds (or half of the time), and at the end; `None` where the system
+    /// does not say.
+    pub memory: [Option<u64>; 2],
+    /// What failed, if anything did.
+    pub failure: Option<String>,
+}
+
+/// The viewer.
+pub struct Viewer {
+    /// What the interface is set to.
+    pub state: State,
+    pub(super) engine: Engine,
+    /// How the engine was at the beginning of this pass.
+    pub(super) status: Status,
+    pub(super) reach: Reach,
+    /// The frame that is shown.
+    pub(super) shown: Option<Arc<Frame>>,
+    pub(super) kinds: Kinds,
+    pub(super) table: ToneTable,
+    pub(super) panes: Vec<Pane>,
+    /// What is typed as a source.
+    pub(super) typed: String,
+    /// Whether the cursor is to be put there.
+    pub(super) type_now: bool,
+    pub(super) messages: VecDeque<Message>,
+    pub(super) actions: Vec<Action>,
+    pub(super) bindings: Vec<Binding>,
+    most_passes: f64,
+    start: Start,
+    jobs: (Sender<Message>, Receiver<Message>),
+    saved: Settings,
+    last: Instant,
+    measured: Measured,
+}
+
+/// Times of the interface's passes.
+struct Measured {
+    begun: Instant,
+    /// The first pass, and the first picture.
+    first: [Option<Instant>; 2],
+    intervals: Vec<f32>,
+    passes: Vec<f32>,
+    memory: Option<u64>,
+}
+
+impl Viewer {
+    /// Starts the engine; the viewer has been about to start since `begun`.
+    pub fn new(start: Start, begun: Instant) -> Self {
+        let mut settings = start.settings();
+        settings.rate = start.rate.unwrap_or(settings.rate);
+        let engine =
+            Engine::start(start.opening.clone(), start.request.clone(), start.dials.clone(), STORE_BYTES);
+        let table = ToneTable::new(settings.display);
+        let now = Instant::now();
+        Self {
+            state: State::new(settings.clone(), start.dials.clone()),
+            engine,
+            status: Status::default(),
+            reach: Reach { span: None, frames: None, burst: 1 },
+            shown: None,
+            kinds: Kinds::default(),
+            table,
+            panes: Vec::new(),
+            typed: start.request.name(),
+            type_now: false,
+            messages: VecDeque::new(),
+            actions: Vec::new(),
+            bindings: bindings(),
+            most_passes: PASSES,
+            start,
+            jobs: channel(),
+            saved: settings,
+            last: now,
+            measured: Measured {
+                begun,
+                first: [None; 2],
+                intervals: Vec::new(),
+                passes: Vec::new(),
+                memory: None,
+            },
+        }
+    }
+
+    /// How the engine is.
+    pub fn status(&self) -> Status {
+        self.engine.status()
+    }
+
+    /// The frame that is shown.
+    pub fn shown(&self) -> Option<&Arc<Frame>> {
+        self.shown.as_ref()
+    }
+
+    /// Draws one pass of the interface, and does what the user wanted in it.
+    pub fn show(&mut self, ui: &mut egui::Ui) {
+        let begun = Instant::now();
+        self.tick(begun, ui.ctx());
+        self.listen(ui.ctx());
+        self.remember_window(ui.ctx());
+        self.draw(ui);
+        for action in std::mem::take(&mut self.actions) {
+            tracing::trace!(?action, "{:.1} ms", 1e3 * self.measured.begun.elapsed().as_secs_f64());
+            let effect = self.state.apply(action, self.reach);
+            self.carry_out(effect, ui.ctx());
+        }
+        self.engine
+            .clock
+            .set_rate(if self.state.clock.playing { self.state.clock.rate } else { 0.0 }, Instant::now());
+        self.measured.passes.push(begun.elapsed().as_secs_f32());
+        self.ask_for_next_pass(ui.ctx());
+    }
+
+    /// Takes in what has happened since the last pass.
+    fn tick(&mut self, now: Instant, ctx: &egui::Context) {
+        let seconds = now.saturating_duration_since(self.last).as_secs_f64();
+        self.last = now;
+        self.measured.first[0].get_or_insert(now);
+        self.measured.intervals.push(seconds as f32);
+        // Ten minutes at 60 passes a second are kept.
+        if self.measured.intervals.len() > 1 << 16 {
+            self.measured.intervals.drain(..1 << 15);
+            self.measured.passes.drain(..1 << 15);
+        }
+        let lasted = now.saturating_duration_since(self.measured.begun).as_secs_f64();
+        if self.measured.memory.is_none() && lasted > self.start.seconds.map_or(10.0, |s| (0.5 * s).min(10.0))
+        {
+            self.measured.memory = resident_bytes();
+        }
+        if self.start.seconds.is_some_and(|seconds| lasted > seconds) {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+        let status = self.engine.status();
+        let pattern = |status: &Status| status.recording.as_ref().map(|recording| recording.pattern.clone());
+        if pattern(&status) != pattern(&self.status) {
+            let pattern = pattern(&status);
+            self.state.nets = nets(pattern.as_ref(), &self.start.dials.weights);
+            self.kinds = pattern.map_or_else(Kinds::default, |pattern| Kinds::new(&pattern));
+        }
+        self.status = status;
+        self.reach = Reach {
+            span: self.engine.store.span(),
+            frames: self.status.about.frames,
+            burst: self.status.hop.max(1),
+        };
+        let effect = self.state.advance(seconds, self.reach);
+        self.carry_out(effect, ctx);
+        let frame = self.state.clock.frame();
+        self.engine.store.move_to(frame);
+        // Until something new is there, the last picture stays.
+        let preview = || self.status.preview(self.engine.clock.exposed(now)).cloned();
+        if let Some(shown) = self.engine.store.at(frame).or_else(preview) {
+            self.measured.first[1].get_or_insert(now);
+            self.shown = Some(shown);
+        }
+        if self.table.display() != self.state.settings.display {
+            self.table = ToneTable::new(self.state.settings.display);
+        }
+        while let Ok(message) = self.jobs.1.try_recv() {
+            self.messages.push_back(message);
+        }
+        self.messages.retain(|message| message.since.elapsed() < MESSAGE_TIME);
+    }
+
+    /// Keys, dropped files, and the clipboard.
+    fn listen(&mut self, ctx: &egui::Context) {
+        let typing = ctx.egui_wants_keyboard_input();
+        let (events, dropped) = ctx.input(|input| (input.events.clone(), input.raw.dropped_files.clone()));
+        for event in events {
+            match event {
+                egui::Event::Key { key, pressed: true, modifiers, .. } if !typing => {
+                    let is = |binding: &&Binding| {
+                        // Plus needs shift on most keyboards.
+                        let shift = key == egui::Key::Plus || binding.modifiers.shift == modifiers.shift;
+                        binding.key == key
+                            && shift
+                            && binding.modifiers.command == modifiers.command
+                            && !modifiers.alt
+                    };
+                    self.actions.extend(self.bindings.iter().find(is).map(|b| b.action.clone()));
+                }
+                egui::Event::Copy if !typing => self.actions.push(Action::Copy),
+                _ => {}
+            }
+        }
+        if let Some(file) = dropped.first() {
+            self.actions.push(Action::Open(Request::Path(file.path().to_owned())));
+        }
+    }
+
+    /// Takes over, at first, how large everything was drawn last time, and remembers it and the window's size.
+    fn remember_window(&mut self, ctx: &egui::Context) {
+        let settings = &mut self.state.settings;
+        if self.measured.passes.is_empty() {
+            ctx.set_zoom_factor(settings.scale);
+            return;
+        }
+        settings.scale = ctx.zoom_factor().clamp(SCALES[0], SCALES[1]);
+        let window = ctx.input(|input| {
+            let viewport = input.viewport();
+            let usual = viewport.maximized != Some(true) && viewport.fullscreen != Some(true);
+            viewport.inner_rect.filter(|_| usual).map(|rect| rect.size() * settings.scale)
+        });
+        if let Some(size) = window {
+            settings.window = [size.x, size.y].map(|side| side.clamp(WINDOW[0], WINDOW[1]));
+        }
+    }
+
+    fn ask_for_next_pass(&self, ctx: &egui::Context) {
+        let playing =
+            self.state.clock.playing && matches!(self.status.phase, Phase::Running | Phase::Finished);
+        let pause = if playing {
+            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.most_passes))
+        } else if self.status.phase == Phase::Preparing || self.shown.is_none() {
+            Duration::from_millis(50)
+        } else {
+            IDLE
+        };
+        ctx.request_repaint_after(pause);
+    }
+
+    /// Does what an action asks of others.
+    fn carry_out(&mut self, effect: Option<Effect>, ctx: &egui::Context) {
+        let Some(effect) = effect else { return };
+        let picture = self.state.settings.pictures().get(self.state.pane).copied().unwrap_or(Picture::Ours);
+        let folder = self.start.out.clone();
+        match effect {
+            Effect::Seek(frame) => self.engine.seek(frame),
+            Effect::Tune(dials, frame) => self.engine.tune(dials, frame),
+            Effect::Open(request) => {
+                self.typed = request.name();
+                self.shown = None;
+                self.engine.open(request);
+            }
+            Effect::SaveExr => {
+                let Some(frame) = self.shown.clone() else { return };
+                self.job(move || export::save_exr(&folder, &frame, picture).map(|path| vec![path]));
+            }
+            Effect::SavePng => {
+                let Some(frame) = self.shown.clone() else { return };
+                let (kinds, table) = (self.kinds.clone(), self.table.clone());
+                self.job(move || {
+                    export::save_png(&folder, &frame, picture, &kinds, &table).map(|path| vec![path])
+                });
+            }
+            Effect::Record([first, last]) => {
+                let frames = self.engine.store.between(first, last);
+                let rate = self.state.clock.rate.clamp(1.0, 120.0).round() as u32;
+                let hear = self.jobs.0.clone();
+                self.job(move || {
+                    let (files, problem) = export::record(&folder, &frames, rate)?;
+                    if let Some(problem) = problem {
+                        // The viewer may have been closed.
+                        let _ = hear.send(Message::bad(problem.to_string()));
+                    }
+                    Ok(files)
+                });
+            }
+            Effect::Copy => {
+                let text = self.values();
+                if !text.is_empty() {
+                    ctx.copy_text(text);
+                    self.messages.push_back(Message::good("values copied".into()));
+                }
+            }
+            Effect::Type => self.type_now = true,
+            Effect::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+        }
+    }
+
+    /// Does something that takes long on a thread of its own, and says how it went.
+    fn job(&self, work: impl FnOnce() -> Result<Vec<PathBuf>> + Send + 'static) {
+        let hear = self.jobs.0.clone();
+        let spawned = std::thread::Builder::new().name("writer".into()).spawn({
+            let hear = hear.clone();
+            move || {
+                let message = match work() {
+                    Ok(files) => {
+                        let names: Vec<_> = files.iter().map(|file| file.display().to_string()).collect();
+                        Message::good(format!("written: {}", names.join(", ")))
+                    }
+                    Err(error) => Message::bad(error.to_string()),
+                };
+                // The viewer may have been closed.
+                let _ = hear.send(message);
+            }
+        });
+        if let Err(error) = spawned {
+            let _ = hear.send(Message::bad(format!("nothing was written: {error}")));
+        }
+    }
+
+    /// Values of the picked pixels, or else of the one under the pointer, as a table.
+    fn values(&self) -> String {
+        let Some(frame) = &self.shown else { return String::new() };
+        let pointer = self.state.pointer.into_iter().collect();
+        let pixels: Vec<[usize; 2]> =
+            if self.state.picks.is_empty() { pointer } else { self.state.picks.clone() };
+        if pixels.is_empty() {
+            return String::new();
+        }
+        let pictures = [Picture::Mosaic, Picture::Filtered, Picture::Ours, Picture::Truth];
+        let mut text = "frame\trow\tcolumn".to_owned();
+        for picture in pictures {
+            text += &format!("\t{}", picture.name());
+        }
+        for [y, x] in pixels {
+            text += &format!("\n{}\t{y}\t{x}", frame.number);
+            for picture in pictures {
+                text += "\t";
+                text += &picture.value(frame, &self.kinds, y, x).map_or(String::new(), |v| format!("{v}"));
+            }
+        }
+        text
+    }
+
+    /// How the interface kept up.
+    pub fn pace(&self) -> Pace {
+        let quantiles = |times: &[f32]| {
+            let mut times = times.to_vec();
+            times.sort_unstable_by(f32::total_cmp);
+            [0.5, 0.95, 1.0].map(|q| {
+                let i = ((times.len() as f64 * q) as usize).min(times.len().saturating_sub(1));
+                times.get(i).map_or(0.0, |s| 1e3 * f64::from(*s))
+            })
+        };
+        let status = self.engine.status();
+        Pace {
+            seconds: self.measured.begun.elapsed().as_secs_f64(),
+            passes: self.measured.passes.len(),
+            // The first passes open the window.
+            interval_ms: quantiles(self.measured.intervals.get(5..).unwrap_or_default()),
+            pass_ms: quantiles(self.measured.passes.get(5..).unwrap_or_default()),
+            start_ms: self
+                .measured
+                .first
+                .map(|first| first.map(|first| 1e3 * (first - self.measured.begun).as_secs_f64())),
+            net_ms: status.median_ms(),
+            frames: status.frames,
+            dropped: status.dropped,
+            memory: [self.measured.memory, resident_bytes()],
+            failure: match status.phase {
+                Phase::Failed(problem) => Some(problem),
+                _ => None,
+            },
+        }
+    }
+
+    /// Sets light or dark.
+    pub(super) fn set_theme(&self, ctx: &egui::Context) {
+        ctx.set_theme(match self.state.settings.theme {
+            Theme::System => egui::ThemePreference::System,
+            Theme::Dark => egui::ThemePreference::Dark,
+            Theme::Light => egui::ThemePreference::Light,
+        });
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        if let Some(path) = self.start.settings.as_ref().filter(|_| self.saved != self.state.settings)
+            && let Err(error) = self.state.settings.write(path)
+        {
+            tracing::warn!("settings are not kept: {error}");
+        }
+    }
+}
+
+impl Message {
+    fn good(text: String) -> Self {
+        Self { text, bad: false, since: Instant::now() }
+    }
+
+    fn bad(text: String) -> Self {
+        Self { text, bad: true, since: Instant::now() }
+    }
+}
+
+/// Bytes of memory that the process holds, where the system says (Linux).
+pub(super) fn resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib << 10)
+}
+
+/// The viewer as eframe wants it; it tells how the interface kept up when it is closed.
+struct Window {
+    viewer: Viewer,
+    pace: Arc<std::sync::Mutex<Pace>>,
+}
+
+impl eframe::App for Window {
+    /// What is around pictures; they need not be filled then, which counts where software draws.
+    fn clear_color(&self, _: &egui::Visuals) -> [f32; 4] {
+        [0.0, 0.0, 0.0, 1.0]
+    }
+
+    fn ui(&mut self, ui: &mut egui::Ui, _: &mut eframe::Frame) {
+        self.viewer.show(ui);
+    }
+
+    fn on_exit(&mut self) {
+        *self.pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = self.viewer.pace();
+    }
+}
+
+/// Opens the window, and returns when it is closed.
+pub fn run(start: Start) -> Result<Pace> {
+    let begun = Instant::now();
+    let viewport = egui::ViewportBuilder::default()
+        .with_title(format!("pix2hdr: {}", start.request.name()))
+        .with_app_id("pix2hdr")
+        .with_inner_size(start.settings().window)
+        .with_min_inner_size([200.0, 150.0])
+        .with_drag_and_drop(true);
+    // Pictures are dithered by themselves; the rest has no gradients.
+    let options = eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
+    let pace = Arc::new(std::sync::Mutex::new(Pace::default()));
+    let shared = Arc::clone(&pace);
+    if !has_display() {
+        return Err(no_window("there is no display"));
+    }
+    let outcome = eframe::run_native(
+        "pix2hdr",
+        options,
+        Box::new(move |context| {
+            let mut viewer = Viewer::new(start, begun);
+            let is_software = |state: &egui_wgpu::RenderState| {
+                state.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+            };
+            if context.wgpu_render_state.as_ref().is_some_and(is_software) {
+                viewer.most_passes = PASSES_OF_SOFTWARE;
+            }
+            Ok(Box::new(Window { viewer, pace: shared }))
+        }),
+    );
+    outcome.map_err(|error| no_window(&error.to_string()))?;
+    let pace = pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
+    Ok(pace)
+}
+
+/// Whether there can be a window.
+fn has_display() -> bool {
+    let is = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    !cfg!(all(unix, not(target_os = "macos")))
+        || is("DISPLAY")
+        || is("WAYLAND_DISPLAY")
+        || is("WAYLAND_SOCKET")
+}
+
+fn no_window(problem: &str) -> Error {
+    // What the window's library says begins with where in its source it says it.
+    let problem = problem.lines().next().unwrap_or_default().rsplit(": ").next().unwrap_or_default();
+    Error::Usage(format!(
+        "cannot open a window: {problem}; without one, `pix2hdr synth` and `pix2hdr demo` write files"
+    ))
+}

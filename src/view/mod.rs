@@ -1,0 +1,27 @@
+//! The live viewer.
+//!
+//! Everything that can be said without a window is said in plain modules. [`source`] opens what is looked at, [`camera`]
+//! simulates one that runs live, and the [`engine`] synthesises on a thread of its own into the [`store`]. The [`state`]
+//! says what the interface is set to and what each action changes: the [`clock`] which frame is shown, [`place`] where,
+//! [`picture`] what of it, [`tone`] how bright; [`series`] and [`histogram`] are read off it, [`export`] writes it.
+//! `app`, `panes`, `panels` and `keys` draw this with egui, and add nothing to it but the drawing.
+
+mod app;
+pub mod camera;
+pub mod clock;
+pub mod engine;
+pub mod export;
+pub mod frame;
+pub mod histogram;
+pub mod keys;
+mod panels;
+mod panes;
+pub mod picture;
+pub mod place;
+pub mod series;
+pub mod source;
+pub mod state;
+pub mod store;
+pub mod tone;
+
+pub use app::{Pace, Start, Viewer, run};

@@ -1,0 +1,744 @@
+//! What the interface is set to, and how each action changes it. No window is needed for any of this.
+
+use std::env;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::clock::{Clock, RATE_RANGE, Reach, Wish};
+use super::engine::Dials;
+use super::picture::Picture;
+use super::place::Look;
+use super::source::Request;
+use super::tone::{Curve, Display};
+use crate::network::{Precision, presets};
+use crate::sensor::Pattern;
+use crate::synth::{self, Skip};
+use crate::video::atomic;
+use crate::{At, Error, Result};
+
+/// How panes are arranged.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Arrangement {
+    /// One pane.
+    Single,
+    /// Two side by side.
+    Pair,
+    /// Two in one place, with a divider that can be dragged.
+    Divider,
+    /// Four side by side, or two by two.
+    #[default]
+    Four,
+}
+
+impl Arrangement {
+    /// All arrangements.
+    pub const ALL: [Self; 4] = [Self::Single, Self::Pair, Self::Divider, Self::Four];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Single => "one",
+            Self::Pair => "two",
+            Self::Divider => "A|B",
+            Self::Four => "four",
+        }
+    }
+
+    /// Number of pictures.
+    pub fn panes(self) -> usize {
+        match self {
+            Self::Single => 1,
+            Self::Pair | Self::Divider => 2,
+            Self::Four => 4,
+        }
+    }
+}
+
+/// Light or dark.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Theme {
+    /// As the system has it.
+    #[default]
+    System,
+    /// Dark.
+    Dark,
+    /// Light.
+    Light,
+}
+
+/// What is remembered from one start to the next.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+#[allow(clippy::struct_excessive_bools)] // Switches of an interface.
+pub struct Settings {
+    /// How panes are arranged.
+    pub arrangement: Arrangement,
+    /// What one pane shows.
+    pub single: Picture,
+    /// What two panes show.
+    pub pair: [Picture; 2],
+    /// What four panes show.
+    pub four: [Picture; 4],
+    /// Where the divider is, from 0 (left) to 1.
+    pub divider: f32,
+    /// How irradiance is shown.
+    pub display: Display,
+    /// Frames per second.
+    pub rate: f64,
+    /// Whether files begin again at their end.
+    pub looping: bool,
+    /// Whether computed cells are marked.
+    pub overlay: bool,
+    /// Whether the panel of dials is open.
+    pub dials: bool,
+    /// Whether the time series is open.
+    pub series: bool,
+    /// Light or dark.
+    pub theme: Theme,
+    /// Width and height of the window at a scale of 1, in points.
+    pub window: [f32; 2],
+    /// How much larger than usual everything is drawn.
+    pub scale: f32,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            arrangement: Arrangement::Four,
+            single: Picture::Ours,
+            pair: [Picture::Mosaic, Picture::Ours],
+            four: [Picture::Mosaic, Picture::Filtered, Picture::Ours, Picture::Truth],
+            divider: 0.5,
+            display: Display::default(),
+            rate: 30.0,
+            looping: true,
+            overlay: false,
+            dials: true,
+            series: false,
+            theme: Theme::System,
+            window: [1280.0, 800.0],
+            scale: 1.0,
+        }
+    }
+}
+
+impl Settings {
+    /// The settings in a file; the defaults if there is none, or none that can be understood.
+    pub fn read(path: &Path) -> Self {
+        let read = std::fs::read(path).ok();
+        let settings: Option<Self> = read.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        settings.unwrap_or_default().within_bounds()
+    }
+
+    /// Where they are kept: the user's folder for configuration.
+    pub fn path() -> Option<PathBuf> {
+        let of = |name| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let folder = if cfg!(windows) {
+            of("APPDATA")
+        } else if cfg!(target_os = "macos") {
+            of("HOME").map(|home| home.join("Library/Application Support"))
+        } else {
+            of("XDG_CONFIG_HOME").or_else(|| of("HOME").map(|home| home.join(".config")))
+        };
+        folder.map(|folder| folder.join("pix2hdr/view.json"))
+    }
+
+    /// Writes them.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = serde_json::to_vec_pretty(self).map_err(|e| Error::Usage(e.to_string())).at(path)?;
+        atomic::write_bytes(path, &text)
+    }
+
+    /// Files are edited by hand too.
+    fn within_bounds(mut self) -> Self {
+        let or = |value: f32, range: [f32; 2], default: f32| {
+            if value.is_finite() { value.clamp(range[0], range[1]) } else { default }
+        };
+        self.divider = or(self.divider, [0.0, 1.0], 0.5);
+        self.display.exposure = or(self.display.exposure, EXPOSURES, 0.0);
+        self.display.difference = or(self.display.difference, [0.001, 1.0], 0.1);
+        self.window = self.window.map(|side| or(side, WINDOW, 800.0));
+        self.scale = or(self.scale, SCALES, 1.0);
+        self.rate = if self.rate.is_finite() { self.rate.clamp(RATE_RANGE[0], RATE_RANGE[1]) } else { 30.0 };
+        self
+    }
+
+    /// What the panes show.
+    pub fn pictures(&self) -> &[Picture] {
+        match self.arrangement {
+            Arrangement::Single => std::slice::from_ref(&self.single),
+            Arrangement::Pair | Arrangement::Divider => &self.pair,
+            Arrangement::Four => &self.four,
+        }
+    }
+
+    fn pictures_mut(&mut self) -> &mut [Picture] {
+        match self.arrangement {
+            Arrangement::Single => std::slice::from_mut(&mut self.single),
+            Arrangement::Pair | Arrangement::Divider => &mut self.pair,
+            Arrangement::Four => &mut self.four,
+        }
+    }
+}
+
+/// Exposures in stops.
+pub const EXPOSURES: [f32; 2] = [-8.0, 16.0];
+
+/// Shortest and longest side of a window that is remembered, in points.
+pub const WINDOW: [f32; 2] = [150.0, 8192.0];
+
+/// How large everything can be drawn.
+pub const SCALES: [f32; 2] = [0.5, 4.0];
+
+/// Errors that bounded skipping may be allowed, in l.
+pub const ALLOWED_ERRORS: [f64; 2] = [0.0005, 0.05];
+
+/// Most pixels of which the time series is shown.
+pub const MOST_PICKS: usize = 4;
+
+/// All that the interface is set to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// What is remembered.
+    pub settings: Settings,
+    /// The playhead.
+    pub clock: Clock,
+    /// Zoom and pan.
+    pub look: Look,
+    /// Pixels [row, column] of which the time series is shown.
+    pub picks: Vec<[usize; 2]>,
+    /// First and last frame of what is recorded; where there is none, what is in memory.
+    pub range: [Option<usize>; 2],
+    /// The pane that number keys change.
+    pub pane: usize,
+    /// Whether the list of keys is open.
+    pub help: bool,
+    /// The engine's dials.
+    pub dials: Dials,
+    /// The nets that the dial offers.
+    pub nets: Vec<String>,
+    /// Rows and columns of the pictures, and width and height of a pane in points, as they were last drawn.
+    pub drawn: ([usize; 2], [f32; 2]),
+    /// The pixel under the pointer.
+    pub pointer: Option<[usize; 2]>,
+}
+
+/// What a user can do.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Starts or stops.
+    Play,
+    /// Stops, and moves by so many frames.
+    Step(i64),
+    /// Moves to a frame.
+    GoTo(usize),
+    /// To the first frame, or the oldest in memory.
+    First,
+    /// To the last frame, or the newest in memory.
+    Last,
+    /// Sets frames per second.
+    Rate(f64),
+    /// The next higher rate.
+    Faster,
+    /// The next lower rate.
+    Slower,
+    /// Switches looping.
+    Loop,
+    /// Sets the exposure.
+    Exposure(f32),
+    /// Changes the exposure by so many stops.
+    Expose(f32),
+    /// Chooses the tone curve.
+    Curve(Curve),
+    /// The next tone curve.
+    NextCurve,
+    /// Switches the clipping warning.
+    Clipping,
+    /// Switches dithering.
+    Dither,
+    /// Sets the range of difference pictures.
+    Difference(f32),
+    /// Arranges panes.
+    Arrange(Arrangement),
+    /// The next arrangement.
+    NextArrangement,
+    /// Shows a picture in a pane.
+    Show(usize, Picture),
+    /// Shows a picture in the chosen pane.
+    ShowHere(Picture),
+    /// Chooses the next pane.
+    NextPane,
+    /// Moves the divider to a place.
+    Divider(f32),
+    /// Moves the divider by so much.
+    MoveDivider(f32),
+    /// Fits pictures into their panes.
+    Fit,
+    /// One point per pixel.
+    Actual,
+    /// Zooms by a factor around a point of a pane, or its middle.
+    Zoom(f32, Option<[f32; 2]>),
+    /// Moves pictures by so many points.
+    Pan([f32; 2]),
+    /// Shows the time series of a pixel, or no longer.
+    Pick([usize; 2]),
+    /// The same for the pixel under the pointer, or else in the middle of the picture.
+    PickHere,
+    /// Forgets all pixels.
+    Unpick,
+    /// Switches the marks on computed cells.
+    Overlay,
+    /// Opens or closes the dials.
+    Dials,
+    /// Opens or closes the time series.
+    Series,
+    /// Opens or closes the list of keys.
+    Help,
+    /// The next theme.
+    NextTheme,
+    /// The range begins here.
+    RangeFrom,
+    /// The range ends here.
+    RangeTo,
+    /// The range is all of memory again.
+    NoRange,
+    /// Writes the frame as EXR.
+    SaveExr,
+    /// Writes the first pane as PNG.
+    SavePng,
+    /// Writes the range.
+    Record,
+    /// Copies the picked pixels' values, or else those of all panes under the pointer.
+    Copy,
+    /// Changes the engine.
+    Tune(Dials),
+    /// The next net.
+    NextNet,
+    /// The next executor.
+    NextExecutor,
+    /// The next precision.
+    NextPrecision,
+    /// The next mode of skipping.
+    NextSkip,
+    /// Multiplies the allowed error of bounded skipping.
+    AllowMore(f64),
+    /// Multiplies the range of difference pictures.
+    WidenDifference(f32),
+    /// Opens a source.
+    Open(Request),
+    /// Puts the cursor where a source is typed.
+    Type,
+    /// Ends the viewer.
+    Quit,
+}
+
+/// What an action asks of others.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Effect {
+    /// The engine: go on from this frame.
+    Seek(usize),
+    /// The engine: take these dials, go on from this frame.
+    Tune(Dials, usize),
+    /// The engine: open this.
+    Open(Request),
+    /// Put the cursor where a source is typed.
+    Type,
+    /// Write the frame as EXR.
+    SaveExr,
+    /// Write the first pane as PNG.
+    SavePng,
+    /// Write these frames.
+    Record([usize; 2]),
+    /// Put values on the clipboard.
+    Copy,
+    /// End.
+    Quit,
+}
+
+impl State {
+    /// A state with these settings and dials.
+    pub fn new(settings: Settings, dials: Dials) -> Self {
+        let clock = Clock { rate: settings.rate, looping: settings.looping, ..Clock::default() };
+        let nets = vec![dials.weights.clone()];
+        Self {
+            settings,
+            clock,
+            look: Look::default(),
+            picks: Vec::new(),
+            range: [None; 2],
+            pane: 0,
+            help: false,
+            dials,
+            nets,
+            drawn: ([0; 2], [0.0; 2]),
+            pointer: None,
+        }
+    }
+
+    /// Lets time pass.
+    pub fn advance(&mut self, seconds: f64, reach: Reach) -> Option<Effect> {
+        seek(self.clock.advance(seconds, reach))
+    }
+
+    /// Does what a user wants.
+    pub fn apply(&mut self, action: Action, reach: Reach) -> Option<Effect> {
+        let settings = &mut self.settings;
+        match action {
+            Action::Play => {
+                self.clock.playing = !self.clock.playing;
+                let ended = reach.frames.is_some_and(|frames| self.clock.frame() + 1 >= frames);
+                if self.clock.playing && ended {
+                    return seek(self.clock.go_to(0, reach));
+                }
+            }
+            Action::Step(by) => return seek(self.clock.step(by, reach)),
+            Action::GoTo(frame) => return seek(self.clock.go_to(frame, reach)),
+            Action::First => return seek(self.clock.go_to(0, reach)),
+            Action::Last => return seek(self.clock.go_to(usize::MAX >> 1, reach)),
+            Action::Rate(rate) => self.set_rate(rate),
+            Action::Faster | Action::Slower => {
+                self.clock.next_rate(action == Action::Faster);
+                self.set_rate(self.clock.rate);
+            }
+            Action::Loop => {
+                self.clock.looping = !self.clock.looping;
+                settings.looping = self.clock.looping;
+            }
+            Action::Exposure(stops) if stops.is_finite() => {
+                settings.display.exposure = stops.clamp(EXPOSURES[0], EXPOSURES[1]);
+            }
+            Action::Expose(by) => {
+                let exposure = settings.display.exposure + by;
+                return self.apply(Action::Exposure(exposure), reach);
+            }
+            Action::Curve(curve) => settings.display.curve = curve,
+            Action::NextCurve => settings.display.curve = next(&Curve::ALL, settings.display.curve),
+            Action::Clipping => settings.display.clipping = !settings.display.clipping,
+            Action::Dither => settings.display.dither = !settings.display.dither,
+            Action::WidenDifference(by) => {
+                let range = settings.display.difference * by;
+                return self.apply(Action::Difference(range), reach);
+            }
+            Action::Difference(l) if l.is_finite() => settings.display.difference = l.clamp(0.001, 1.0),
+            Action::Arrange(arrangement) => {
+                settings.arrangement = arrangement;
+                self.pane = self.pane.min(arrangement.panes() - 1);
+            }
+            Action::NextArrangement => {
+                let arrangement = next(&Arrangement::ALL, settings.arrangement);
+                return self.apply(Action::Arrange(arrangement), reach);
+            }
+            Action::Show(pane, picture) => {
+                if let Some(shown) = settings.pictures_mut().get_mut(pane) {
+                    *shown = picture;
+                    self.pane = pane;
+                }
+            }
+            Action::ShowHere(picture) => return self.apply(Action::Show(self.pane, picture), reach),
+            Action::NextPane => self.pane = (self.pane + 1) % settings.arrangement.panes(),
+            Action::Divider(at) if at.is_finite() => settings.divider = at.clamp(0.0, 1.0),
+            Action::MoveDivider(by) => {
+                let at = settings.divider + by;
+                return self.apply(Action::Divider(at), reach);
+            }
+            Action::Fit => self.look = Look::default(),
+            Action::Actual => {
+                let (extent, pane) = self.drawn;
+                let scale = self.look.place(extent, pane).scale;
+                self.look.zoom_by(1.0 / scale, pane.map(|s| 0.5 * s), extent, pane);
+            }
+            Action::Zoom(factor, at) => {
+                let (extent, pane) = self.drawn;
+                self.look.zoom_by(factor, at.unwrap_or(pane.map(|s| 0.5 * s)), extent, pane);
+            }
+            Action::Pan(by) => {
+                // A fitted picture is moved from where it is.
+                let (extent, pane) = self.drawn;
+                if self.look.zoom.is_none() {
+                    self.look.zoom_by(1.0, [0.0; 2], extent, pane);
+                }
+                self.look.pan(by, extent);
+            }
+            Action::PickHere => {
+                let [height, width] = self.drawn.0;
+                let pixel = self.pointer.unwrap_or([height / 2, width / 2]);
+                return self.apply(Action::Pick(pixel), reach);
+            }
+            Action::Pick(pixel) => {
+                let others = self.picks.len();
+                self.picks.retain(|pick| *pick != pixel);
+                if self.picks.len() == others {
+                    self.picks.push(pixel);
+                }
+                if self.picks.len() > MOST_PICKS {
+                    self.picks.remove(0);
+                }
+                settings.series |= !self.picks.is_empty();
+            }
+            Action::Unpick => self.picks.clear(),
+            Action::Overlay => settings.overlay = !settings.overlay,
+            Action::Dials => settings.dials = !settings.dials,
+            Action::Series => settings.series = !settings.series,
+            Action::Help => self.help = !self.help,
+            Action::NextTheme => {
+                settings.theme = next(&[Theme::System, Theme::Dark, Theme::Light], settings.theme);
+            }
+            Action::RangeFrom => {
+                let frame = self.clock.frame();
+                self.range = [Some(frame), self.range[1].filter(|last| *last >= frame)];
+            }
+            Action::RangeTo => {
+                let frame = self.clock.frame();
+                self.range = [self.range[0].filter(|first| *first <= frame), Some(frame)];
+            }
+            Action::NoRange => self.range = [None; 2],
+            Action::SaveExr => return Some(Effect::SaveExr),
+            Action::SavePng => return Some(Effect::SavePng),
+            Action::Record => {
+                let [first, last] = reach.span?;
+                return Some(Effect::Record([self.range[0].unwrap_or(first), self.range[1].unwrap_or(last)]));
+            }
+            Action::Copy => return Some(Effect::Copy),
+            Action::Tune(dials) => {
+                if dials != self.dials {
+                    self.dials = dials.clone();
+                    return Some(Effect::Tune(dials, self.clock.frame()));
+                }
+            }
+            Action::NextNet => {
+                let at = self.nets.iter().position(|net| *net == self.dials.weights);
+                let next = self.nets.get(at.map_or(0, |at| (at + 1) % self.nets.len())).cloned();
+                let weights = next.unwrap_or_else(|| self.dials.weights.clone());
+                return self.apply(Action::Tune(Dials { weights, ..self.dials.clone() }), reach);
+            }
+            Action::NextExecutor => {
+                let executor = next(&EXECUTORS, self.dials.executor);
+                return self.apply(Action::Tune(Dials { executor, ..self.dials.clone() }), reach);
+            }
+            Action::NextPrecision => {
+                let precision = next(&PRECISIONS, self.dials.precision);
+                return self.apply(Action::Tune(Dials { precision, ..self.dials.clone() }), reach);
+            }
+            Action::NextSkip => {
+                let skip = next(&skips(self.dials.skip), self.dials.skip);
+                return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+            }
+            Action::AllowMore(by) => {
+                if let Skip::Bounded(error) = self.dials.skip {
+                    let skip = Skip::Bounded((error * by).clamp(ALLOWED_ERRORS[0], ALLOWED_ERRORS[1]));
+                    return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+                }
+            }
+            Action::Open(request) => {
+                let Clock { rate, looping, .. } = self.clock;
+                self.clock = Clock { rate, looping, ..Clock::default() };
+                self.look = Look::default();
+                self.picks.clear();
+                self.range = [None; 2];
+                return Some(Effect::Open(request));
+            }
+            Action::Type => return Some(Effect::Type),
+            Action::Quit => return Some(Effect::Quit),
+            // Numbers that are none change nothing.
+            Action::Exposure(_) | Action::Difference(_) | Action::Divider(_) => {}
+        }
+        None
+    }
+
+    fn set_rate(&mut self, rate: f64) {
+        if rate.is_finite() {
+            self.clock.rate = rate.clamp(RATE_RANGE[0], RATE_RANGE[1]);
+            self.settings.rate = self.clock.rate;
+        }
+    }
+}
+
+fn seek(wish: Wish) -> Option<Effect> {
+    match wish {
+        Wish::None => None,
+        Wish::Seek(frame) => Some(Effect::Seek(frame)),
+    }
+}
+
+/// All executors.
+pub const EXECUTORS: [synth::Request; 3] = [synth::Request::Auto, synth::Request::Gpu, synth::Request::Cpu];
+
+/// All precisions.
+pub const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F16];
+
+/// All modes of skipping, with the allowed error of `skip` if it has one.
+pub fn skips(skip: Skip) -> [Skip; 3] {
+    let allowed = match skip {
+        Skip::Bounded(error) => error,
+        _ => Skip::ALLOWED_ERROR,
+    };
+    [Skip::Off, Skip::Exact, Skip::Bounded(allowed)]
+}
+
+/// The nets that the dial offers: presets that have weights for `pattern`, and those that the viewer was started with.
+pub fn nets(pattern: Option<&Pattern>, given: &str) -> Vec<String> {
+    let fits = |preset: &presets::Preset| {
+        let made_for = preset.graph().map_or_else(|_| String::new(), |graph| graph.pattern);
+        let fits = |pattern| Pattern::built_in(&made_for).is_ok_and(|made| made.samples_like(pattern));
+        preset.trained && pattern.is_none_or(|pattern| made_for == "any" || fits(pattern))
+    };
+    let mut nets: Vec<String> =
+        presets::all().iter().filter(|p| fits(p)).map(|p| p.name.to_owned()).collect();
+    if !nets.iter().any(|net| net == given) {
+        nets.push(given.to_owned());
+    }
+    nets
+}
+
+/// The one behind `value`; behind the last one comes the first.
+fn next<T: Copy + PartialEq>(all: &[T], value: T) -> T {
+    let at = all.iter().position(|other| *other == value).map_or(0, |at| at + 1);
+    all[at % all.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn dials() -> Dials {
+        Dials {
+            weights: "fast".into(),
+            executor: synth::Request::Cpu,
+            adapter: None,
+            precision: Precision::F32,
+            skip: Skip::Off,
+            side: None,
+            hop: None,
+        }
+    }
+
+    fn state() -> State {
+        State::new(Settings::default(), dials())
+    }
+
+    const FILE: Reach = Reach { span: Some([0, 40]), frames: Some(100), burst: 8 };
+
+    #[test]
+    fn playing_again_at_the_end_begins_anew() {
+        let mut state = state();
+        state.clock.looping = false;
+        assert_eq!(state.apply(Action::Last, FILE), Some(Effect::Seek(99)));
+        state.clock.playing = false;
+        let reach = Reach { span: Some([90, 99]), ..FILE };
+        assert_eq!(state.apply(Action::Play, reach), Some(Effect::Seek(0)));
+        assert!(state.clock.playing);
+    }
+
+    #[test]
+    fn each_arrangement_keeps_its_pictures() {
+        let mut state = state();
+        state.apply(Action::Show(3, Picture::Difference), FILE);
+        assert_eq!((state.settings.pictures()[3], state.pane), (Picture::Difference, 3));
+        state.apply(Action::Arrange(Arrangement::Divider), FILE);
+        assert_eq!((state.settings.pictures(), state.pane), (&[Picture::Mosaic, Picture::Ours][..], 1));
+        state.apply(Action::ShowHere(Picture::Truth), FILE);
+        state.apply(Action::Show(7, Picture::Truth), FILE);
+        assert_eq!(state.settings.pictures(), [Picture::Mosaic, Picture::Truth]);
+        state.apply(Action::Arrange(Arrangement::Four), FILE);
+        assert_eq!(state.settings.pictures()[3], Picture::Difference);
+        (0..4).for_each(|_| drop(state.apply(Action::NextPane, FILE)));
+        assert_eq!(state.pane, 1);
+    }
+
+    #[test]
+    fn numbers_stay_within_their_bounds() {
+        let mut state = state();
+        for action in [
+            Action::Exposure(1e9),
+            Action::Exposure(f32::NAN),
+            Action::Divider(7.0),
+            Action::MoveDivider(f32::INFINITY),
+            Action::Rate(f64::NAN),
+            Action::Rate(1e99),
+            Action::Difference(0.0),
+        ] {
+            state.apply(action, FILE);
+        }
+        let Settings { display, divider, rate, .. } = &state.settings;
+        assert_eq!((display.exposure, *divider, *rate, display.difference), (16.0, 1.0, 10_000.0, 0.001));
+    }
+
+    #[test]
+    fn pixels_are_picked_and_forgotten() {
+        let mut state = state();
+        for i in 0..6 {
+            state.apply(Action::Pick([i, i]), FILE);
+        }
+        assert_eq!(state.picks, [[2, 2], [3, 3], [4, 4], [5, 5]]);
+        assert!(state.settings.series);
+        state.apply(Action::Pick([3, 3]), FILE);
+        assert_eq!(state.picks.len(), 3);
+        state.apply(Action::Unpick, FILE);
+        assert!(state.picks.is_empty());
+    }
+
+    #[test]
+    fn a_range_is_in_order() {
+        let mut state = state();
+        assert_eq!(state.apply(Action::Record, FILE), Some(Effect::Record([0, 40])));
+        state.apply(Action::GoTo(10), FILE);
+        state.apply(Action::RangeTo, FILE);
+        state.apply(Action::GoTo(20), FILE);
+        state.apply(Action::RangeFrom, FILE);
+        assert_eq!(state.range, [Some(20), None]);
+        assert_eq!(state.apply(Action::Record, FILE), Some(Effect::Record([20, 40])));
+        assert_eq!(state.apply(Action::Record, Reach { span: None, ..FILE }), None);
+    }
+
+    /// Every dial has a key, and turns back to where it was.
+    #[test]
+    fn dials_go_round() {
+        let mut state = state();
+        state.nets = nets(Pattern::built_in("mpve-1-4").ok().as_ref(), "mine.safetensors");
+        assert!(state.nets.len() > 2 && state.nets.contains(&"fast".to_owned()), "{:?}", state.nets);
+        assert_eq!(nets(Pattern::built_in("sve").ok().as_ref(), "fast"), ["fast"]);
+        let rounds =
+            [(Action::NextNet, state.nets.len()), (Action::NextExecutor, 3), (Action::NextPrecision, 2)];
+        for (action, round) in rounds.into_iter().chain([(Action::NextSkip, 3)]) {
+            for turn in 1..=round {
+                let effect = state.apply(action.clone(), FILE);
+                assert_eq!(effect, Some(Effect::Tune(state.dials.clone(), 0)), "{action:?}");
+                assert_eq!(state.dials == dials(), turn == round, "{action:?} {turn}");
+            }
+        }
+        assert_eq!(state.apply(Action::AllowMore(2.0), FILE), None);
+        state.apply(Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() }), FILE);
+        state.apply(Action::AllowMore(2.0), FILE);
+        assert_eq!(state.dials.skip, Skip::Bounded(0.004));
+        state.apply(Action::AllowMore(1e9), FILE);
+        assert_eq!(state.dials.skip, Skip::Bounded(ALLOWED_ERRORS[1]));
+    }
+
+    #[test]
+    fn only_new_dials_disturb_the_engine() {
+        let mut state = state();
+        assert_eq!(state.apply(Action::Tune(dials()), FILE), None);
+        let other = Dials { skip: Skip::Exact, ..dials() };
+        state.apply(Action::GoTo(7), FILE);
+        assert_eq!(state.apply(Action::Tune(other.clone()), FILE), Some(Effect::Tune(other, 7)));
+    }
+
+    #[test]
+    fn settings_come_back_and_broken_ones_do_not_matter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/view.json");
+        assert_eq!(Settings::read(&path), Settings::default());
+        let mut state = state();
+        state.apply(Action::Arrange(Arrangement::Divider), FILE);
+        state.apply(Action::NextCurve, FILE);
+        state.apply(Action::Rate(240.0), FILE);
+        state.settings.write(&path).unwrap();
+        assert_eq!(Settings::read(&path), state.settings);
+        std::fs::write(&path, r#"{"divider": 1e30, "rate": -4, "unknown": 1}"#).unwrap();
+        let read = Settings::read(&path);
+        assert_eq!((read.divider, read.rate), (1.0, 0.1));
+        std::fs::write(&path, "{").unwrap();
+        assert_eq!(Settings::read(&path), Settings::default());
+    }
+}
