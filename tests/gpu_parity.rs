@@ -24,7 +24,7 @@ fn fractions(
 ) -> Fractions {
     let mut fractions = Fractions::new();
     let errors = bound::step_errors(executor, &calibration(), measurement, schedule, precision).unwrap();
-    for StepError { step, kernel, fraction } in errors {
+    for StepError { step, kernel, fraction, .. } in errors {
         if fraction > 1.0 {
             // In the order of the steps: the first of these lines is where the executors part.
             println!("step '{step}' ({kernel}) leaves its bound by a factor of {fraction:.3}");

@@ -11,6 +11,7 @@ mod frontier;
 mod machine;
 mod measure;
 mod samples;
+pub mod stability;
 
 pub use check::Oracle;
 pub use clip::Clip;

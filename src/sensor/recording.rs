@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::capture::ARRAY;
 use super::{Calibration, Capture, CaptureInfo, Cell, Pattern, Response, SensorError, Timing};
+use crate::video::check_size;
 use crate::video::npy::{Counts, CountsReader};
 use crate::{At, Error, Result};
 
@@ -51,8 +52,19 @@ impl Recording {
         if !(1..=16).contains(&bit_depth) {
             return fail(format!("a bit depth of {bit_depth}"));
         }
-        if !(black_level.is_finite() && white_level.is_finite() && black_level < white_level) {
+        // Less than a count apart, levels say nothing; too far apart, every pixel is black.
+        if !(1.0..=1e9).contains(&(white_level - black_level)) {
             return fail(format!("black level {black_level} is not below white level {white_level}"));
+        }
+        let CaptureInfo { full_well_e, read_noise_e, anchor, .. } = info;
+        for (key, value, least) in [
+            ("full_well_e", full_well_e, f64::MIN_POSITIVE),
+            ("read_noise_e", read_noise_e, 0.0),
+            ("anchor", anchor, f64::from(f32::MIN_POSITIVE)),
+        ] {
+            if value.is_some_and(|value| !(least..=f64::from(f32::MAX)).contains(&value)) {
+                return fail(format!("{key} of {}", value.unwrap_or_default()));
+            }
         }
         if !(frame_period_ms.is_finite() && frame_period_ms > 0.0) {
             return fail(format!("a frame period of {frame_period_ms} ms"));
@@ -90,8 +102,9 @@ impl CaptureFile {
         let array = if path.is_dir() { path.join(ARRAY) } else { path.to_owned() };
         let counts = CountsReader::open(&array)?;
         let [frames, height, width] = counts.extents();
+        check_size(width, height).at(&array)?;
         let json = array.with_extension("json");
-        let mut keys = match std::fs::read_to_string(&json) {
+        let mut keys = match super::read_text(&json) {
             Ok(text) => serde_json::from_str::<Map<String, Value>>(&text)
                 .map_err(|e| SensorError::Capture(e.to_string()))
                 .at(&json)?,
