@@ -1,43 +1,14 @@
 //! The program as a user meets it: the whole chain, and one helpful line for whatever is wrong.
 
+#[path = "support/program.rs"]
+mod program;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
 use pix2hdr::video::{self, Video, Writing, npy};
-
-fn pix2hdr(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_pix2hdr"))
-        .args(arguments)
-        .env_remove("RUST_LOG")
-        .output()
-        .expect("the program starts")
-}
-
-/// Runs a command that must succeed, and returns what it prints.
-fn succeeds(arguments: &[&str]) -> String {
-    let output = pix2hdr(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// Runs a command that must fail with one line that holds all of `words`, and must write nothing into `out`.
-fn fails(arguments: &[&str], words: &[&str], out: &Path) {
-    let output = pix2hdr(arguments);
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success(), "{arguments:?} succeeded");
-    // Graphics drivers add lines of their own; ours begin with our name.
-    let ours: Vec<&str> =
-        error.lines().filter(|line| line.starts_with("pix2hdr:") && !line.contains("warning:")).collect();
-    assert_eq!(ours.len(), 1, "{arguments:?}: {error}");
-    assert!(!error.contains("panicked"), "{error}");
-    for word in words {
-        assert!(ours[0].contains(word), "{arguments:?}: '{word}' is not in '{}'", ours[0]);
-    }
-    assert!(output.stdout.is_empty(), "{arguments:?} printed a result");
-    let left: Vec<_> = fs::read_dir(out).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    assert!(left.is_empty(), "{arguments:?} left {left:?}");
-}
+use program::{fails, pix2hdr, succeeds};
 
 /// A folder with a small capture in it, and its path.
 fn capture() -> (tempfile::TempDir, String) {

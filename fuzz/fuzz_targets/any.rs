@@ -13,7 +13,8 @@ fuzz_target!(|data: &[u8]| {
     DESK.with(|desk| {
         let (desk, reader) = desk.get_or_init(|| {
             let name = std::env::var("PIX2HDR_READER").expect("PIX2HDR_READER names a reader");
-            let reader = Reader::ALL.into_iter().find(|reader| reader.name() == name).expect("a known reader");
+            let reader =
+                Reader::ALL.into_iter().find(|reader| reader.name() == name).expect("a known reader");
             (Desk::new().expect("a folder for files"), reader)
         });
         desk.read(*reader, data);

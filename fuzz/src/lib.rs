@@ -105,6 +105,11 @@ impl Desk {
         })
     }
 
+    /// The folder. It stays, with the last file in it, if the process is killed.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
     /// Where the file for `reader` lies.
     pub fn path(&self, reader: Reader) -> PathBuf {
         Self::path_in(self.folder.path(), reader)

@@ -7,16 +7,66 @@ const BYTES: [u8; 8] = [0, 1, 0x7f, 0x80, 0xff, 0x20, b'0', b'9'];
 
 /// Numbers that something may not be ready for.
 const NUMBERS: [&str; 32] = [
-    "0", "1", "-1", "2", "3", "7", "8", "15", "16", "63", "64", "65", "255", "256", "257", "1024", "4096", "8192", "65536",
-    "2147483647", "4294967296", "1099511627776", "9223372036854775807", "18446744073709551614",
-    "18446744073709551615", "-9223372036854775808", "0.5", "1e308", "-1e308", "5e-324", "1e-45", "3.5e38",
+    "0",
+    "1",
+    "-1",
+    "2",
+    "3",
+    "7",
+    "8",
+    "15",
+    "16",
+    "63",
+    "64",
+    "65",
+    "255",
+    "256",
+    "257",
+    "1024",
+    "4096",
+    "8192",
+    "65536",
+    "2147483647",
+    "4294967296",
+    "1099511627776",
+    "9223372036854775807",
+    "18446744073709551614",
+    "18446744073709551615",
+    "-9223372036854775808",
+    "0.5",
+    "1e308",
+    "-1e308",
+    "5e-324",
+    "1e-45",
+    "3.5e38",
 ];
 
 /// Words of the text formats.
 const WORDS: [&str; 24] = [
-    "null", "true", "[]", "{}", "\"\"", "[[[", "NaN", "inf", "\"linear\"", "\"coded\"", "\"../x.csv\"", "{\"gamma\": 10}",
-    "{\"table\": [[0, 0], [0.5, 0.5], [1, 1]]}", "\"measurement\"", "\"concat\"", "\"estimate\"", "\"f\"", "\"all\"",
-    "\"sigmoid\"", "{\"softplus\": 0}", "{\"leaky_relu\": 1e30}", "[4, 4, 4]", "\"log_exposure\"", ",\n",
+    "null",
+    "true",
+    "[]",
+    "{}",
+    "\"\"",
+    "[[[",
+    "NaN",
+    "inf",
+    "\"linear\"",
+    "\"coded\"",
+    "\"../x.csv\"",
+    "{\"gamma\": 10}",
+    "{\"table\": [[0, 0], [0.5, 0.5], [1, 1]]}",
+    "\"measurement\"",
+    "\"concat\"",
+    "\"estimate\"",
+    "\"f\"",
+    "\"all\"",
+    "\"sigmoid\"",
+    "{\"softplus\": 0}",
+    "{\"leaky_relu\": 1e30}",
+    "[4, 4, 4]",
+    "\"log_exposure\"",
+    ",\n",
 ];
 
 /// Changes `data` a few times; `other` is a second file of its kind.
@@ -80,7 +130,9 @@ fn once(data: &mut Vec<u8>, other: &[u8], text: bool, rng: &mut impl Rng) {
             // A word in the place of another.
             let quote = |b: &u8| *b == b'"';
             let Some(start) = data[at..].iter().position(quote).map(|found| at + found) else { return };
-            let Some(end) = data[start + 1..].iter().position(quote).map(|found| start + found + 2) else { return };
+            let Some(end) = data[start + 1..].iter().position(quote).map(|found| start + found + 2) else {
+                return;
+            };
             let word = WORDS[rng.random_range(0..WORDS.len())];
             data.splice(start..end, word.bytes());
         }

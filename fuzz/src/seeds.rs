@@ -46,6 +46,7 @@ pub fn of(reader: Reader) -> Vec<Vec<u8>> {
             let mut seeds = vec![std::fs::read(json).expect("a file")];
             seeds.extend(texts(&[
                 r#"{"pattern": {"tile": [[[2, 1], {"exposure": 4, "phase": 2}], [{"period": 10, "shutters": [{"start": 1, "frames": 3, "open": [0, 2]}, {"start": 4, "frames": 7}]}, [8, 4]]]}, "timing": "covering", "schedule_start": -7, "bit_depth": 12, "black_level": 64.5, "white_level": 4000, "frame_period_ms": 0.5, "response": {"table": [[0, 0], [0.25, 0.5], [1, 1]]}, "full_well_e": 9000, "read_noise_e": 2.67, "anchor": 3.5}"#,
+                r#"{"pattern": "mpve-1-4", "bit_depth": 10, "white_level": 1023, "dead_pixels": [[0, 0], [5, 7], [2, 3]], "missing_count": 512}"#,
                 r#"{"pattern": "coded", "bit_depth": 10, "white_level": 1023, "response": {"gamma": 2.2}}"#,
                 r#"{"pattern": "interleaved", "timing": "hold", "bit_depth": 8, "white_level": 255, "response": {"soft-knee": 0.6}}"#,
                 r#"{"pattern": "mpve-1-16", "bit_depth": 8, "white_level": 255, "response": "response.csv"}"#,
@@ -57,16 +58,27 @@ pub fn of(reader: Reader) -> Vec<Vec<u8>> {
             let whole = std::fs::read(array).expect("a file");
             let text = String::from_utf8_lossy(&whole[..128]).replace("False", "True ");
             let fortran = [&whole[..10], &text.as_bytes()[text.len() - 118..], &whole[128..]].concat();
-            let bytes = [&b"\x93NUMPY\x01\x00\x46\x00"[..], b"{'descr': '|u1', 'fortran_order': False, 'shape': (2, 4, 8), }        \n", &[7; 64]].concat();
+            let bytes = [
+                &b"\x93NUMPY\x01\x00\x46\x00"[..],
+                b"{'descr': '|u1', 'fortran_order': False, 'shape': (2, 4, 8), }        \n",
+                &[7; 64],
+            ]
+            .concat();
             vec![whole, fortran, bytes]
         }
         Reader::Npy => vec![
             written("a.npy", &ramp(3, 4, 5), true),
             written("b.npy", &ramp(1, 7, 3), false),
-            [&b"\x93NUMPY\x02\x00\x46\x00\x00\x00"[..], b"{'descr': '<f8', 'fortran_order': True, 'shape': (2, 2), }           \n", &[0; 32]].concat(),
+            [
+                &b"\x93NUMPY\x02\x00\x46\x00\x00\x00"[..],
+                b"{'descr': '<f8', 'fortran_order': True, 'shape': (2, 2), }           \n",
+                &[0; 32],
+            ]
+            .concat(),
         ],
         Reader::Exr => {
-            let mut seeds = vec![written("a.exr", &ramp(1, 9, 21), true), written("b.exr", &ramp(1, 40, 5), false)];
+            let mut seeds =
+                vec![written("a.exr", &ramp(1, 9, 21), true), written("b.exr", &ramp(1, 40, 5), false)];
             seeds.extend(pictures());
             seeds
         }
@@ -112,9 +124,11 @@ pub fn of(reader: Reader) -> Vec<Vec<u8>> {
             r#"{"name": "p", "tile": [[[2, 1], [4, 2], [8, 0]], [[8, 4], {"exposure": 2, "phase": 1}, [4, 0]]]}"#,
             r#"{"tile": [[{"period": 10, "shutters": [{"start": 0, "frames": 3}, {"start": 3, "frames": 7, "open": [0, 2, 5]}]}, {"period": 5, "shutters": [{"start": 4, "frames": 5}]}]]}"#,
         ]),
-        Reader::Response => {
-            texts(&["x,y\n0,10\n1,40\n2.5,60\n8,250\n", "# measured\n0;0\n0.1;0.1\n1e3;1\n", "0\t0\n1\t1e-300\n2\t1\n"])
-        }
+        Reader::Response => texts(&[
+            "x,y\n0,10\n1,40\n2.5,60\n8,250\n",
+            "# measured\n0;0\n0.1;0.1\n1e3;1\n",
+            "0\t0\n1\t1e-300\n2\t1\n",
+        ]),
     }
 }
 
@@ -132,7 +146,8 @@ fn pictures() -> Vec<Vec<u8>> {
         Compression::PXR24,
         Compression::B44,
     ];
-    let kinds = compressions.into_iter().zip([Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))].into_iter().cycle());
+    let kinds =
+        compressions.into_iter().zip([Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))].into_iter().cycle());
     let picture = |(compression, blocks): (Compression, Blocks)| {
         let channels = SpecificChannels::rgb(|Vec2(x, y): Vec2<usize>| {
             (x as f32 / 8.0, f16::from_f32(0.5 + y as f32), 2_u32)

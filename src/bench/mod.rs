@@ -11,6 +11,8 @@ mod frontier;
 mod machine;
 mod measure;
 mod samples;
+mod sensitivity;
+mod soak;
 pub mod stability;
 
 pub use check::Oracle;
@@ -20,3 +22,5 @@ pub use frontier::frontier;
 pub use machine::{Machine, ProcessorPeak};
 pub use measure::{Case, Effort, Layer, Row};
 pub use samples::Samples;
+pub use sensitivity::{Sensitivity, sensitivity};
+pub use soak::{Soak, soak};

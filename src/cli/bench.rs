@@ -16,6 +16,7 @@ use serde_json::json;
 
 use super::options::{Executor, Precision, Skip, allowed_error, show};
 use super::scene::{Size, at_least_one};
+use super::stability::Stability;
 use super::table::{Table, figure, short};
 use super::terminal;
 
@@ -63,6 +64,10 @@ pub struct Bench {
     /// invocations that share weights; measures inference only
     #[arg(long, value_parser = parse_variant, value_name = "PIXELSxVECTORS[xLANES]")]
     variant: Option<Variant>,
+    /// Measure numerical stability in place of run time: every kernel and whole nets under stress, sensitivity to
+    /// what is wrong with a capture, and 100,000 frames in a row; writes stability.json (docs/numerics.md)
+    #[arg(long, conflicts_with_all = ["per_layer", "variant", "size", "frames", "skip", "scene"])]
+    stability: bool,
     /// Take a fifth of the time
     #[arg(long)]
     quick: bool,
@@ -132,6 +137,13 @@ impl Bench {
             }
         }
         let backends = self.backends()?;
+        if self.stability {
+            let backends: Vec<_> = backends.iter().flat_map(|backend| self.at_precisions(backend)).collect();
+            let nets: Vec<_> = nets.iter().map(|net| &net.model).collect();
+            let stability =
+                Stability { nets: &nets, backends: &backends, quick: self.quick, seed: self.seed };
+            return stability.run(&self.out.join("stability.json"), self.markdown, self.json);
+        }
         if backends.iter().all(|backend| self.at_precisions(backend).is_empty()) {
             return Err(Error::Usage(
                 "the CPU has f32 only; --executor gpu takes software Vulkan too".into(),

@@ -58,7 +58,11 @@ impl Model {
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut bytes = Vec::new();
-        File::open(path).at(path)?.take(MAX_FILE + 1).read_to_end(&mut bytes).at(path)?;
+        let file = File::open(path).at(path)?;
+        if !file.metadata().at(path)?.is_file() {
+            return Err(Error::from(NetworkError::Format("not a file".into())).at(path));
+        }
+        file.take(MAX_FILE + 1).read_to_end(&mut bytes).at(path)?;
         if bytes.len() as u64 > MAX_FILE {
             let problem = format!("more than the {MAX_FILE} bytes that a weights file may have");
             return Err(Error::from(NetworkError::Format(problem)).at(path));

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::capture::ARRAY;
+use super::defects::Defects;
 use super::{Calibration, Capture, CaptureInfo, Cell, Pattern, Response, SensorError, Timing};
 use crate::video::check_size;
 use crate::video::npy::{Counts, CountsReader};
@@ -24,6 +25,8 @@ pub struct Recording {
     pub height: usize,
     /// Columns.
     pub width: usize,
+    /// Pixels and read-outs without a value, which are filled.
+    pub defects: Option<Defects>,
 }
 
 /// Frames one after the other.
@@ -72,7 +75,8 @@ impl Recording {
         if info.schedule_start.unsigned_abs() > 1 << 40 {
             return fail(format!("a schedule start of {}", info.schedule_start));
         }
-        Ok(Self { info, pattern, response, height, width })
+        let defects = info.defects(&pattern, [height, width])?;
+        Ok(Self { info, pattern, response, height, width, defects })
     }
 
     /// Tables for the kernels.
@@ -131,15 +135,15 @@ impl CaptureFile {
 
     /// The frames `which` as a capture of their own, to look at: its timing is only true of neighbouring frames.
     pub fn excerpt(&mut self, which: &[usize]) -> Result<Capture> {
-        let Recording { info, pattern, response, height, width } = self.recording.clone();
+        let Recording { info, pattern, response, height, width, .. } = self.recording.clone();
         let frames = which.iter().map(|&t| self.counts.frame(t)).collect::<Result<Vec<_>>>()?;
         let counts = frames.into_iter().reduce(Counts::followed_by).unwrap_or(Counts::U8(Vec::new()));
         Ok(Capture { info, pattern, response, frames: which.len(), height, width, counts })
     }
 
-    /// Pixel values y in [0, 1] of the exposures that cover frame `t`.
+    /// Pixel values y in [0, 1] of the exposures that cover frame `t`, to look at: what is missing throughout is dark.
     pub fn pixel_values(&mut self, t: usize) -> Result<Vec<f32>> {
-        let Recording { info, pattern, height, width, .. } = &self.recording;
+        let Recording { info, pattern, height, width, defects, .. } = &self.recording;
         let shown = match info.timing {
             Timing::Covering => vec![t; pattern.cells.len()],
             Timing::Hold => shown_in(pattern, info.schedule_start, t, self.frames - 1),
@@ -150,10 +154,7 @@ impl CaptureFile {
             if shown[..i].contains(&which) {
                 continue;
             }
-            match self.counts.frame(which)? {
-                Counts::U8(counts) => info.pixel_values(&counts, &mut frame),
-                Counts::U16(counts) => info.pixel_values(&counts, &mut frame),
-            }
+            info.pixel_values(&self.counts.frame(which)?, defects.as_ref(), &mut frame, None);
             for (i, value) in values.iter_mut().enumerate() {
                 if shown[place(pattern, i, *width)] == which {
                     *value = frame[i];
@@ -165,7 +166,7 @@ impl CaptureFile {
 
     /// All frames, as the exposures that cover them.
     pub fn into_frames(self) -> Box<dyn FrameSource> {
-        let file = FileFrames { file: self, next: 0 };
+        let file = FileFrames { file: self, next: 0, before: Vec::new() };
         match file.file.recording.info.timing {
             Timing::Covering => Box::new(file),
             Timing::Hold => Box::new(HeldFrames::new(file)),
@@ -177,6 +178,18 @@ impl CaptureFile {
 struct FileFrames {
     file: CaptureFile,
     next: usize,
+    /// Values of the frame before, where there are defects to fill.
+    before: Vec<f32>,
+}
+
+/// Values of a frame, of which the frame before is remembered if there are defects.
+fn filled(recording: &Recording, counts: &Counts, values: &mut [f32], before: &mut Vec<f32>) {
+    let Recording { info, defects, .. } = recording;
+    let last = Some(&before[..]).filter(|before| !before.is_empty());
+    info.pixel_values(counts, defects.as_ref(), values, last);
+    if defects.is_some() {
+        values.clone_into(before);
+    }
 }
 
 impl FrameSource for FileFrames {
@@ -188,11 +201,8 @@ impl FrameSource for FileFrames {
         if self.next == self.file.frames {
             return Ok(false);
         }
-        let info = &self.file.recording.info;
-        match self.file.counts.frame(self.next)? {
-            Counts::U8(counts) => info.pixel_values(&counts, values),
-            Counts::U16(counts) => info.pixel_values(&counts, values),
-        }
+        let counts = self.file.counts.frame(self.next)?;
+        filled(&self.file.recording, &counts, values, &mut self.before);
         self.next += 1;
         Ok(true)
     }
@@ -201,7 +211,9 @@ impl FrameSource for FileFrames {
 impl Capture {
     /// What is known of it besides its frames.
     pub fn recording(&self) -> Recording {
+        let extent = [self.height, self.width];
         Recording {
+            defects: self.info.defects(&self.pattern, extent).expect("they were checked when it was made"),
             info: self.info.clone(),
             pattern: self.pattern.clone(),
             response: self.response.clone(),
@@ -212,7 +224,7 @@ impl Capture {
 
     /// Its frames, as the exposures that cover them.
     pub fn frames(&self) -> Box<dyn FrameSource + '_> {
-        let frames = MemoryFrames { recording: self.recording(), capture: self, next: 0 };
+        let frames = MemoryFrames { recording: self.recording(), capture: self, next: 0, before: Vec::new() };
         match self.info.timing {
             Timing::Covering => Box::new(frames),
             Timing::Hold => Box::new(HeldFrames::new(frames)),
@@ -225,6 +237,7 @@ struct MemoryFrames<'a> {
     recording: Recording,
     capture: &'a Capture,
     next: usize,
+    before: Vec<f32>,
 }
 
 impl FrameSource for MemoryFrames<'_> {
@@ -236,7 +249,9 @@ impl FrameSource for MemoryFrames<'_> {
         if self.next == self.capture.frames {
             return Ok(false);
         }
-        self.capture.pixel_values(self.next, values);
+        let len = values.len();
+        let counts = self.capture.counts.range(self.next * len..(self.next + 1) * len);
+        filled(&self.recording, &counts, values, &mut self.before);
         self.next += 1;
         Ok(true)
     }
