@@ -1,4 +1,5 @@
-//! Training cubes: random clips through the camera simulator, written as arrays that a trainer maps.
+//! Training cubes: random clips from panoramas or videos through the camera simulator, written as arrays that a trainer
+//! maps.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,11 +10,11 @@ use serde::Serialize;
 
 use crate::scene::{Draw, Panorama, Rendering, render, training_clip};
 use crate::sensor::{Calibration, Form, Noise, Pattern, Sampler};
-use crate::video::Video;
 use crate::video::atomic::write_bytes;
 use crate::video::npy::{Counts, write_counts, write_halves};
-use crate::{Error, Result};
-use rand::SeedableRng;
+use crate::video::{Pictures, Video};
+use crate::{At, Error, Result};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Name of the file that describes a data set. It is written last: a folder without it is not a whole data set.
@@ -37,6 +38,15 @@ pub struct Request {
     pub schedule_start: i64,
     /// Seed of everything.
     pub seed: u64,
+}
+
+/// Where scenes come from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// Views of panoramas that move, with objects in front.
+    Panoramas(Vec<Arc<Panorama>>),
+    /// Crops of videos, by name. Their frames are taken as if they followed each other at the camera's rate.
+    Videos(Vec<(String, Pictures)>),
 }
 
 /// What is known of one cube.
@@ -71,20 +81,21 @@ struct Cube {
 /// The same request gives the same files on any number of threads.
 pub fn write(
     request: &Request,
-    panoramas: &[Arc<Panorama>],
+    source: &Source,
     folder: &Path,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<PathBuf>> {
-    if request.cubes == 0 || request.extent.contains(&0) || panoramas.is_empty() {
-        return Err(Error::Usage("a data set needs panoramas, cubes, and an extent".into()));
+    if request.cubes == 0 || request.extent.contains(&0) || source.names().is_empty() {
+        return Err(Error::Usage("a data set needs scenes, cubes, and an extent".into()));
     }
+    source.check(request.extent)?;
     let mut shards = Vec::new();
     let mut files = Vec::new();
     for first in (0..request.cubes).step_by(SHARD) {
         let count = SHARD.min(request.cubes - first);
         let cubes: Vec<Cube> = (first..first + count)
             .into_par_iter()
-            .map(|i| cube(request, panoramas, i))
+            .map(|i| cube(request, source, i))
             .collect::<Result<_>>()?;
         let number = shards.len();
         let shard = Shard {
@@ -106,7 +117,7 @@ pub fn write(
         progress(first + count);
     }
     let index = folder.join(INDEX);
-    write_bytes(&index, &json(&index_of(request, panoramas, &shards)?)?)?;
+    write_bytes(&index, &json(&index_of(request, source, &shards)?)?)?;
     files.push(index);
     Ok(files)
 }
@@ -115,7 +126,7 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>> {
     serde_json::to_vec(value).map_err(|e| Error::Usage(e.to_string()))
 }
 
-fn index_of(request: &Request, panoramas: &[Arc<Panorama>], shards: &[Shard]) -> Result<serde_json::Value> {
+fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serde_json::Value> {
     let sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
     let calibration = Calibration::new(&sampler.pattern, &sampler.response);
     let [frames, height, width] = request.extent;
@@ -136,18 +147,100 @@ fn index_of(request: &Request, panoramas: &[Arc<Panorama>], shards: &[Shard]) ->
         "height": height,
         "width": width,
         "seed": request.seed,
-        "panoramas": panoramas.iter().map(|panorama| panorama.name.as_str()).collect::<Vec<_>>(),
+        "scenes": source.names(),
         "shards": shards,
     }))
 }
 
+impl Source {
+    /// All videos in the folders of `folder`, one folder of EXR pictures each.
+    pub fn read_videos(folder: &Path) -> Result<Self> {
+        let mut videos = Vec::new();
+        for entry in std::fs::read_dir(folder).at(folder)? {
+            let path = entry.at(folder)?.path();
+            if path.is_dir() {
+                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                videos.push((name, Pictures::open(&path)?));
+            }
+        }
+        videos.sort_by(|(a, _), (b, _)| a.cmp(b));
+        if videos.is_empty() {
+            return Err(Error::Usage("no folders of .exr pictures in it".into()).at(folder));
+        }
+        Ok(Self::Videos(videos))
+    }
+
+    /// Names of the panoramas or videos.
+    pub fn names(&self) -> Vec<&str> {
+        match self {
+            Self::Panoramas(panoramas) => panoramas.iter().map(|panorama| panorama.name.as_str()).collect(),
+            Self::Videos(videos) => videos.iter().map(|(name, _)| name.as_str()).collect(),
+        }
+    }
+
+    /// Checks that cubes of an extent can be cut.
+    fn check(&self, [_, height, width]: [usize; 3]) -> Result<()> {
+        let Self::Videos(videos) = self else { return Ok(()) };
+        // A crop may be turned, so it must fit both ways.
+        let side = height.max(width);
+        match videos.iter().find(|(_, pictures)| pictures.extent().iter().any(|&n| n < side)) {
+            Some((name, _)) => Err(Error::Usage(format!(
+                "the pictures of '{name}' are smaller than a cube of {height}×{width}"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// A random clip, and how it moves.
+    fn clip(&self, extent: [usize; 3], seed: u64) -> Result<(Video, &'static str)> {
+        let [frames, height, width] = extent;
+        match self {
+            Self::Panoramas(panoramas) => {
+                let (scene, speed) = training_clip(panoramas, [height, width], frames, seed);
+                let rendering = Rendering { frames, height, width, instants: 6, positions: 1, seed };
+                Ok((render(&scene, rendering, || ()), speed.name()))
+            }
+            Self::Videos(videos) => Ok((crop(videos, extent, seed)?, "video")),
+        }
+    }
+}
+
+/// A random crop of a random video, turned by a random multiple of 90°. A video that is too short runs forwards and
+/// backwards.
+fn crop(videos: &[(String, Pictures)], [frames, height, width]: [usize; 3], seed: u64) -> Result<Video> {
+    let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed));
+    let (_, pictures) = &videos[draw.0.random_range(0..videos.len())];
+    let turns = draw.0.random_range(0..4);
+    let [rows, cols] = if turns % 2 == 0 { [height, width] } else { [width, height] };
+    let [whole_rows, whole_cols] = pictures.extent();
+    let top = draw.0.random_range(0..=whole_rows - rows);
+    let left = draw.0.random_range(0..=whole_cols - cols);
+    // There and back again: 0, 1 … n − 1, n − 2 … 1.
+    let cycle = (2 * pictures.count() - 2).max(1);
+    let first = draw.0.random_range(0..cycle.max(2) / 2 + 1);
+    let mut video = Video::black(frames, height, width);
+    for t in 0..frames {
+        let index = (first + t) % cycle;
+        let picture = pictures.read(index.min(cycle - index).min(pictures.count() - 1))?;
+        let frame = video.frame_mut(t);
+        for (i, p) in frame.iter_mut().enumerate() {
+            let (y, x) = (i / width, i % width);
+            let (row, col) = match turns {
+                0 => (y, x),
+                1 => (x, cols - 1 - y),
+                2 => (rows - 1 - y, cols - 1 - x),
+                _ => (rows - 1 - x, y),
+            };
+            *p = picture.data[(top + row) * whole_cols + left + col];
+        }
+    }
+    Ok(video)
+}
+
 /// Cube number `index`: a random clip seen by a camera with random noise and errors of calibration.
-fn cube(request: &Request, panoramas: &[Arc<Panorama>], index: usize) -> Result<Cube> {
+fn cube(request: &Request, source: &Source, index: usize) -> Result<Cube> {
     let seed = request.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(index as u64);
-    let [frames, height, width] = request.extent;
-    let (scene, speed) = training_clip(panoramas, [height, width], frames, seed);
-    let mut truth =
-        render(&scene, Rendering { frames, height, width, instants: 6, positions: 1, seed }, || ());
+    let (mut truth, kind) = source.clip(request.extent, seed)?;
     truth.normalise();
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(!seed));
     // The user's exposure is not always set to the anchor: darker, or with more in saturation.
@@ -172,14 +265,51 @@ fn cube(request: &Request, panoramas: &[Arc<Panorama>], index: usize) -> Result<
         unreachable!("the sampler writes 16 bits")
     };
     let Noise { full_well_e, read_noise_e } = noise;
-    let info = CubeInfo {
-        seed,
-        kind: speed.name(),
-        full_well_e,
-        read_noise_e,
-        black_error,
-        gain_error,
-        exposure_gain,
-    };
+    let info = CubeInfo { seed, kind, full_well_e, read_noise_e, black_error, gain_error, exposure_gain };
     Ok(Cube { truth, counts, info })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::video::{Writing, write};
+
+    /// Frame t, row y, column x hold 100·t + 10·y + x.
+    fn folder_of_videos(frames: usize) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        let data = (0..frames * 54).map(|i| (100 * (i / 54) + 10 * (i / 9 % 6) + i % 9) as f32).collect();
+        let video = Video::new(frames, 6, 9, data).unwrap();
+        write(folder.path().join("clip"), &video, Writing::default()).unwrap();
+        folder
+    }
+
+    #[test]
+    fn crops_of_videos_keep_neighbours_in_space_and_time() {
+        let folder = folder_of_videos(3);
+        let Source::Videos(videos) = Source::read_videos(folder.path()).unwrap() else { unreachable!() };
+        let mut steps = std::collections::BTreeSet::new();
+        for seed in 0..40 {
+            let video = crop(&videos, [7, 4, 3], seed).unwrap();
+            let at = |t: usize, y: usize, x: usize| video.frame(t)[y * 3 + x];
+            let (down, right) = (at(0, 1, 0) - at(0, 0, 0), at(0, 0, 1) - at(0, 0, 0));
+            for (t, i) in (0..7).flat_map(|t| (0..12).map(move |i| (t, i))) {
+                let (y, x) = (i / 3, i % 3);
+                assert_eq!(at(t, y, x), at(t, 0, 0) + y as f32 * down + x as f32 * right, "seed {seed}");
+                assert!(t == 0 || (at(t, y, x) - at(t - 1, y, x)).abs() == 100.0, "seed {seed}");
+            }
+            steps.insert([down as i32, right as i32]);
+        }
+        // All four turns, none of them mirrored.
+        assert_eq!(steps, [[-10, -1], [-1, 10], [1, -10], [10, 1]].into());
+    }
+
+    #[test]
+    fn one_picture_is_a_still_and_small_ones_are_refused() {
+        let folder = folder_of_videos(1);
+        let source = Source::read_videos(folder.path()).unwrap();
+        let (video, kind) = source.clip([5, 4, 4], 1).unwrap();
+        assert!((1..5).all(|t| video.frame(t) == video.frame(0)) && kind == "video");
+        assert!(source.check([5, 7, 4]).unwrap_err().to_string().contains("clip"));
+        assert!(Source::read_videos(&folder.path().join("clip")).is_err());
+    }
 }

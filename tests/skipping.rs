@@ -7,8 +7,8 @@ use pix2hdr::sensor::{Capture, Form, Noise, Pattern, Sampler};
 use pix2hdr::synth::{Backend, Options, Report, Request, ResultFrame, Skip, Synthesizer};
 use pix2hdr::video::{Video, tone};
 
-/// Rows and columns of a cell of `tiny`.
-const CELL: [usize; 2] = [4, 8];
+/// Rows and columns of a cell.
+const CELL: [usize; 2] = [4, 4];
 
 fn model(preset: &str) -> Model {
     Model::random(presets::by_name(preset).unwrap().graph().unwrap(), 3).unwrap()

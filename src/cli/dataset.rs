@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use pix2hdr::dataset::{self, Request};
+use pix2hdr::dataset::{self, Request, Source};
 use pix2hdr::scene::Panorama;
 use pix2hdr::sensor::{Pattern, Sampler};
 use pix2hdr::{Error, Result};
@@ -13,12 +13,16 @@ use super::options::{ResponseOption, parse_response, show};
 use super::scene::at_least_one;
 use super::terminal;
 
-/// Makes training cubes: random clips from panoramas, through the camera simulator
+/// Makes training cubes: random clips from panoramas or from your own videos, through the camera simulator
 #[derive(Args)]
 pub struct Dataset {
     /// Folder of equirectangular panoramas (.exr or .hdr)
+    #[arg(long, value_name = "FOLDER", required_unless_present = "videos", conflicts_with = "videos")]
+    panoramas: Option<PathBuf>,
+    /// Folder with a folder of .exr pictures for each video; their frames are taken as if they followed each other at
+    /// the camera's rate
     #[arg(long, value_name = "FOLDER")]
-    panoramas: PathBuf,
+    videos: Option<PathBuf>,
     /// Folder for the data set
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -63,16 +67,20 @@ impl Dataset {
         if self.out.join(dataset::INDEX).exists() {
             return Err(Error::Usage(format!("{} holds a data set already", show(&self.out))));
         }
-        let panoramas = Panorama::read_folder(&self.panoramas)?;
+        let source = match (&self.panoramas, &self.videos) {
+            (_, Some(folder)) => Source::read_videos(folder)?,
+            (Some(folder), None) => Source::Panoramas(Panorama::read_folder(folder)?),
+            (None, None) => return Err(Error::Usage("give --panoramas or --videos".into())),
+        };
         let bar = terminal::progress(self.cubes, "making cubes");
-        let files = dataset::write(&request, &panoramas, &self.out, |done| bar.set_position(done as u64))?;
+        let files = dataset::write(&request, &source, &self.out, |done| bar.set_position(done as u64))?;
         bar.finish_and_clear();
         let report = json!({
-            "cubes": self.cubes, "panoramas": panoramas.len(),
+            "cubes": self.cubes, "scenes": source.names().len(),
             "files": files.iter().map(|path| show(path)).collect::<Vec<_>>(),
         });
         terminal::result(self.json, &report, || {
-            format!("{}: {} cubes from {} panoramas", show(&self.out), self.cubes, panoramas.len())
+            format!("{}: {} cubes from {} scenes", show(&self.out), self.cubes, source.names().len())
         })
     }
 }

@@ -48,8 +48,7 @@ impl Demo {
         let Size { height, width, .. } = self.size;
         // What cannot work is said before anything is rendered.
         let sampler = self.camera.sampler()?;
-        let model = self.engine.model()?;
-        model.check_pattern(&sampler.pattern)?;
+        let model = self.engine.model(&sampler.pattern)?;
         let backend = self.engine.backend()?;
         let scene = procedural::by_name(&self.scene, height, width, self.camera.seed).ok_or_else(|| {
             Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
@@ -93,7 +92,7 @@ impl Demo {
             480,
         )?;
         let seconds = begun.elapsed().as_secs_f64();
-        let mut json = run_json(&self.engine.describe(&backend), &report, seconds);
+        let mut json = run_json(&self.engine.describe(&model, &backend), &report, seconds);
         let report_path = add("report.json");
         json["scene"] = json!(self.scene);
         json["measures"] = measures;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pix2hdr::Result;
-use pix2hdr::sensor::{Capture, check_exposure_ratio, hold_to_covering};
+use pix2hdr::sensor::{Capture, check_exposure_ratio, fit_response, hold_to_covering};
 use serde_json::json;
 
 use super::options::{CaptureOptions, show};
@@ -24,6 +24,10 @@ pub struct Import {
     out: PathBuf,
     #[command(flatten)]
     options: CaptureOptions,
+    /// Fit response and black level to the recording: where it is static and smooth, neighbouring pixels of different
+    /// exposure see the same light
+    #[arg(long)]
+    fit_response: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -33,7 +37,11 @@ impl Import {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         let recording = Capture::read(&self.file, &self.options.keys()?)?;
-        let capture = hold_to_covering(&recording);
+        let mut capture = hold_to_covering(&recording).into_owned();
+        let fit = if self.fit_response { Some(fit_response(&capture)?) } else { None };
+        if let Some(fit) = &fit {
+            capture = capture.with_response(fit)?;
+        }
         let check = check_exposure_ratio(&capture);
         match check {
             Some(check) => {
@@ -50,13 +58,21 @@ impl Import {
         let report = json!({
             "pattern": capture.pattern.name, "frames": capture.frames, "height": capture.height,
             "width": capture.width, "exposure_exponent": check.map(|check| check.exponent),
-            "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
+            "response_difference": fit.as_ref().map(|fit| fit.difference), "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
         });
         terminal::result(self.json, &report, || {
+            let fitted = fit.as_ref().map_or_else(String::new, |fit| {
+                let [before, after] = fit.difference.map(|difference| 100.0 * difference);
+                format!(
+                    "\nresponse and black level fitted: what pixels of different exposure say of the same light \
+                     differs by {after:.1}% instead of {before:.1}% (median of {} pairs)",
+                    fit.pairs
+                )
+            });
             let exponent = check.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
             format!(
                 "{}: {} frames of {}×{}, pattern {}\nvalues scale with exposure to the power of {exponent} (1 is \
-                 right)\na live source of this pattern lags by its longest exposure, {latency} ms",
+                 right)\na live source of this pattern lags by its longest exposure, {latency} ms{fitted}",
                 show(&files[0]),
                 capture.frames,
                 capture.height,

@@ -116,9 +116,9 @@ impl Executor {
 }
 
 impl Engine {
-    /// The net that `--weights` names.
-    pub fn model(&self) -> Result<Model> {
-        Model::load(&self.weights)
+    /// The net that `--weights` names, for captures of `pattern`.
+    pub fn model(&self, pattern: &Pattern) -> Result<Model> {
+        Model::load_for(&self.weights, pattern)
     }
 
     /// Where it runs.
@@ -144,9 +144,10 @@ impl Engine {
     }
 
     /// What ran, for reports.
-    pub fn describe(&self, backend: &Backend) -> Map<String, Value> {
+    pub fn describe(&self, model: &Model, backend: &Backend) -> Map<String, Value> {
         let Value::Object(map) = serde_json::json!({
             "weights": self.weights,
+            "net": model.graph.name,
             "executor": backend.name(),
             "adapter": backend.adapter(),
             "precision": backend.precision().name(),

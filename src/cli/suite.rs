@@ -56,8 +56,7 @@ impl SuiteCommand {
         let backend = self.engine.backend()?;
         let mut methods = vec![("box".to_owned(), Method::Box)];
         for name in std::iter::once(&self.engine.weights).chain(&self.more) {
-            let model = Model::load(name)?;
-            model.check_pattern(&pattern)?;
+            let model = Model::load_for(name, &pattern)?;
             let synthesizer = self.engine.synthesizer(&model, calibration.clone(), extent, &backend)?;
             methods.push((name.clone(), Method::Net(Box::new(synthesizer))));
         }

@@ -82,7 +82,7 @@ impl Synth {
         }
         let truth =
             self.truth.as_ref().map(|path| truth(path, [frames, extent[0], extent[1]])).transpose()?;
-        let model = self.engine.model()?;
+        let model = self.engine.model(&recording.pattern)?;
         if let Some(warning) = check_fits(&model, &recording)? {
             terminal::warn(&warning);
         }
@@ -170,7 +170,8 @@ impl Synth {
             }
         }
         let measures = truth.is_some().then(|| comparison.measures());
-        let mut json = run_json(&self.engine.describe(&backend), &report, begun.elapsed().as_secs_f64());
+        let mut json =
+            run_json(&self.engine.describe(&model, &backend), &report, begun.elapsed().as_secs_f64());
         json["measures"] = json!(measures);
         if let Some(folder) = folder {
             let path = folder.join("report.json");
@@ -209,7 +210,7 @@ impl Synth {
             "allowed_error": self.engine.allowed_error,
         });
         if let Value::Object(map) = &mut made {
-            map.extend(self.engine.describe(backend));
+            map.extend(self.engine.describe(model, backend));
         }
         Ok(made)
     }

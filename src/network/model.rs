@@ -78,6 +78,22 @@ impl Model {
         Ok(Self::from_bytes(presets::by_name(name)?.weights()?)?)
     }
 
+    /// A weights file or preset for captures of `pattern`; `fast` stands for `fast-1-8` where only that one fits.
+    pub fn load_for(name: &str, pattern: &Pattern) -> Result<Self> {
+        let model = Self::load(name)?;
+        let Err(refusal) = model.check_pattern(pattern) else { return Ok(model) };
+        let variant = format!("{name}-");
+        for preset in presets::all().into_iter().filter(|preset| preset.trained) {
+            if preset.name.starts_with(&variant) {
+                let model = Self::load(preset.name)?;
+                if model.check_pattern(pattern).is_ok() {
+                    return Ok(model);
+                }
+            }
+        }
+        Err(refusal)
+    }
+
     /// Checks that the net was made for `pattern`.
     pub fn check_pattern(&self, pattern: &Pattern) -> Result<()> {
         let made_for = &self.graph.pattern;

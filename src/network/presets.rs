@@ -35,11 +35,13 @@ macro_rules! preset {
 }
 
 /// All built-in nets, smallest first.
-pub fn all() -> [Preset; 5] {
+pub fn all() -> [Preset; 7] {
     [
-        preset!("tiny", "the smallest, for machines without a GPU"),
+        preset!("tiny", "the smallest, for machines without a GPU", "tiny.safetensors"),
         preset!("medium", "between tiny and fast"),
         preset!("fast", "predicted kernels, made for run time against error", "fast.safetensors"),
+        preset!("fast-1-8", "the same for pattern mpve-1-8"),
+        preset!("fast-1-16", "the same for pattern mpve-1-16"),
         preset!("paper-narrow", "the paper's LDR-net and HDR-net at half their width"),
         preset!("paper", "the paper's LDR-net and HDR-net"),
     ]

@@ -3,6 +3,7 @@
 mod calibration;
 mod capture;
 mod defects;
+mod fit_response;
 mod importer;
 mod pattern;
 mod recording;
@@ -16,6 +17,7 @@ use std::path::Path;
 pub use calibration::Calibration;
 pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
 pub use defects::Defects;
+pub use fit_response::{ResponseFit, fit_response};
 pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use recording::{CaptureFile, FrameSource, Recording};

@@ -89,6 +89,9 @@ pub struct Gate<'a> {
     spread: [usize; 2],
     /// Noise as the capture states it.
     stated: Option<Scatter>,
+    /// Frames before and behind that results depend on noticeably: those whose measurements they are made of, not those
+    /// that only tell which to believe.
+    noticed: usize,
     memory: Memory<'a>,
     recording: &'a Recording,
     /// The first window of the run.
@@ -114,7 +117,8 @@ impl<'a> Gate<'a> {
     ) -> Self {
         let memory = Memory::new(cells, calibration, recording, matches!(skip, Skip::Bounded(_)));
         let stated = Scatter::stated(recording);
-        let mut gate = Self { cells, skip, window, spread, stated, memory, recording, from: 0 };
+        let noticed = calibration.period;
+        let mut gate = Self { cells, skip, window, spread, stated, noticed, memory, recording, from: 0 };
         gate.from = gate.window_before(number);
         gate
     }
@@ -241,7 +245,11 @@ impl<'a> Gate<'a> {
     fn around(&self, k: i64, s: usize) -> Range<i64> {
         let Window { frames, lead, hop } = self.window;
         let slab = self.slab(k, s);
-        slab.start - lead as i64..slab.end + (frames - lead - hop) as i64
+        let [before, behind] = [lead, frames - lead - hop].map(|reach| match self.skip {
+            Skip::Bounded(_) => reach.min(self.noticed),
+            _ => reach,
+        } as i64);
+        slab.start - before..slab.end + behind
     }
 }
 

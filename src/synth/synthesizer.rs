@@ -127,19 +127,16 @@ impl Synthesizer {
         let model = &with_hop(model, hop);
         let grid = Grid::fit(model, &calibration, extent, backend.limits(options.side))?;
         let exact = Cut::exact(&model.graph, &calibration)?;
-        let side = |i: usize| exact.unit[i] * CELL_SIDE.div_ceil(exact.unit[i]);
+        let side = |tile: usize| tile * CELL_SIDE.div_ceil(tile);
         let cells = Cells {
-            size: [cell_frames, side(0), side(1)],
+            size: [cell_frames, side(calibration.rows), side(calibration.cols)],
             slabs: hop / cell_frames,
             height: grid.height,
             width: grid.width,
             repeat: lcm(cell_frames, calibration.period),
         };
-        let spread = match skip {
-            Skip::Bounded(_) => [1, 1],
-            _ => [exact.halo[0].div_ceil(cells.size[1]), exact.halo[1].div_ceil(cells.size[2])],
-        };
         let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
+        let spread = [0, 1].map(|axis| cut.halo[axis].div_ceil(cells.size[axis + 1]));
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let mut pool = Pool::new(backend, model, &calibration);
         let mut flop = 0.0;

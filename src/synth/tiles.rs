@@ -99,7 +99,7 @@ impl Grid {
 pub struct Cut {
     /// Tiles begin at multiples of this: granularity of the net and tile of the pattern.
     pub unit: [usize; 2],
-    /// Pixels that a result depends on to each side, a multiple of `unit`.
+    /// Pixels that a result depends on to each side.
     pub halo: [usize; 2],
 }
 
@@ -118,7 +118,7 @@ impl Cut {
     pub fn bounded(&self) -> Self {
         let halo = |i: usize| {
             let root = ((self.unit[i] * self.halo[i]) as f64).sqrt();
-            ((root / 2.0).ceil() as usize).next_multiple_of(self.unit[i]).min(self.halo[i])
+            ((root / 4.0).ceil() as usize).min(self.halo[i])
         };
         Self { unit: self.unit, halo: [halo(0), halo(1)] }
     }
@@ -126,10 +126,11 @@ impl Cut {
     /// The stretch that keeps pixels `kept` along `axis` of a frame of `len` pixels. What is computed is rounded up to
     /// one of few lengths, since every length needs an executor of its own.
     pub fn place(&self, axis: usize, kept: Range<usize>, len: usize) -> Stretch {
-        let halo = self.halo[axis];
-        let outer = kept.start.saturating_sub(halo)..(kept.end + halo).min(len);
-        let outer_len = round_up(outer.len(), self.unit[axis]).min(len);
-        let outer_start = outer.start.min(len - outer_len);
+        let (halo, unit) = (self.halo[axis], self.unit[axis]);
+        let first = kept.start.saturating_sub(halo) / unit * unit;
+        let end = (kept.end + halo).next_multiple_of(unit).min(len);
+        let outer_len = round_up(end - first, unit).min(len);
+        let outer_start = first.min(len - outer_len);
         Stretch { start: kept.start, len: kept.len(), outer_start, outer_len }
     }
 

@@ -17,39 +17,72 @@ use crate::{At, Error, Result};
 /// Most threads that compress and write pictures.
 const MAX_THREADS: usize = 8;
 
-/// Reads all `.exr` pictures of a folder in natural order of their names (`frame2` before `frame10`).
-pub fn read(path: impl AsRef<Path>) -> Result<Video> {
-    let path = path.as_ref();
-    let files = pictures(path)?;
-    let Some((first, rest)) = files.split_first() else {
-        return Err(VideoError::Format("holds no .exr pictures".into())).at(path);
-    };
-    let Video { height, width, mut data, .. } = exr::read(first)?;
-    let frame_len = height * width;
-    let Some(len) = frame_len.checked_mul(files.len()) else {
-        return Err(VideoError::Shape("too many pixels".into())).at(path);
-    };
-    data.try_reserve_exact(len - frame_len)
-        .map_err(|_| VideoError::Shape(format!("{len} values do not fit into memory")))
-        .at(path)?;
-    data.resize(len, 0.0);
-    let read_into = |(t, (file, frame)): (usize, (&PathBuf, &mut [f32]))| -> Result<()> {
-        let picture = exr::read_frame(file, t + 1)?;
-        if (picture.height, picture.width) != (height, width) {
+/// The pictures of a folder, in natural order of their names (`frame2` before `frame10`), read one by one.
+#[derive(Clone, Debug)]
+pub struct Pictures {
+    files: Vec<PathBuf>,
+    extent: [usize; 2],
+}
+
+impl Pictures {
+    /// Those of a folder, which holds at least one. All must have the size of the first one.
+    pub fn open(folder: impl AsRef<Path>) -> Result<Self> {
+        let folder = folder.as_ref();
+        let files = pictures(folder)?;
+        let Some(first) = files.first() else {
+            return Err(VideoError::Format("holds no .exr pictures".into())).at(folder);
+        };
+        let Video { height, width, .. } = exr::read(first)?;
+        Ok(Self { files, extent: [height, width] })
+    }
+
+    /// Number of pictures.
+    pub fn count(&self) -> usize {
+        self.files.len()
+    }
+
+    /// Rows and columns.
+    pub fn extent(&self) -> [usize; 2] {
+        self.extent
+    }
+
+    /// Picture `t`, as a video of one frame.
+    pub fn read(&self, t: usize) -> Result<Video> {
+        let picture = exr::read_frame(&self.files[t], t)?;
+        let [height, width] = self.extent;
+        if [picture.height, picture.width] != self.extent {
             return Err(VideoError::Shape(format!(
                 "has {}×{} pixels, but the first picture {width}×{height}",
                 picture.width, picture.height
             )))
-            .at(file);
+            .at(&self.files[t]);
         }
-        frame.copy_from_slice(&picture.data);
+        Ok(picture)
+    }
+}
+
+/// Reads all pictures of a folder.
+pub fn read(path: impl AsRef<Path>) -> Result<Video> {
+    let path = path.as_ref();
+    let pictures = Pictures::open(path)?;
+    let ([height, width], frames) = (pictures.extent, pictures.count());
+    let frame_len = height * width;
+    let Some(len) = frame_len.checked_mul(frames) else {
+        return Err(VideoError::Shape("too many pixels".into())).at(path);
+    };
+    let mut data = Vec::new();
+    data.try_reserve_exact(len)
+        .map_err(|_| VideoError::Shape(format!("{len} values do not fit into memory")))
+        .at(path)?;
+    data.resize(len, 0.0);
+    let read_into = |(t, frame): (usize, &mut [f32])| -> Result<()> {
+        frame.copy_from_slice(&pictures.read(t)?.data);
         Ok(())
     };
-    let frames = data[frame_len..].par_chunks_mut(frame_len);
-    let results: Vec<_> = rest.par_iter().zip(frames).enumerate().map(read_into).collect();
+    let results: Vec<_> = data.par_chunks_mut(frame_len).enumerate().map(read_into).collect();
     // The first failure in the order of frames, not of time.
     results.into_iter().collect::<Result<()>>()?;
-    Ok(Video::new(files.len(), height, width, data)?)
+    Ok(Video::new(frames, height, width, data)?)
 }
 
 /// The `.exr` files of a folder in natural order. Hidden files are none.

@@ -16,6 +16,7 @@ use half::f16;
 
 pub use crate::math::tone;
 pub use cube::Video;
+pub use folder::Pictures;
 pub use preview::PreviewWriter;
 pub use writer::{VideoWriter, Writing};
 

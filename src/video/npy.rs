@@ -43,6 +43,14 @@ impl Counts {
         self.len() == 0
     }
 
+    /// The value at place `i`.
+    pub fn value(&self, i: usize) -> u16 {
+        match self {
+            Self::U8(values) => u16::from(values[i]),
+            Self::U16(values) => values[i],
+        }
+    }
+
     /// The values at places `range`.
     #[must_use]
     pub fn range(&self, range: Range<usize>) -> Self {

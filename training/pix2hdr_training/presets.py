@@ -42,8 +42,9 @@ def kernel_net(
     A U-net on the pattern's folded tile. `widths` are those of its levels, each half as wide and high as the one before;
     `blocks` are the residual blocks of each level, half of them on the way down and half on the way up. A block is a
     convolution over `temporal` and one over 3×3 pixels. The taps are the pixels of the same frame that are at most
-    `reach` away, and the same pixel half a period, a period and two frames before and after. The window's lead is all that the net reaches in
-    time, so a result does not depend on where windows begin: `hop` can be as long as memory and latency allow.
+    `reach` away, and the same pixel half a period, a period and two frames before and after. The window's lead is all
+    that the net reaches in time, so a result does not depend on where windows begin: `hop` can be as long as memory
+    and latency allow.
     """
     steps = [-period, -period // 2, period // 2, period]
     near = range(-reach, reach + 1)
@@ -171,10 +172,14 @@ def paper(widths=(32, 64, 128), residual_blocks=12, hdr_width=32, *, name="paper
     }
 
 
+FAST = {"widths": (32, 64, 96), "blocks": (0, 4, 2), "reach": 3, "hop": 96}
+
 PRESETS = {
     "tiny": lambda: kernel_net((16, 32), (0, 2), name="tiny"),
     "medium": lambda: kernel_net((24, 48, 64), (0, 4, 2), name="medium"),
-    "fast": lambda: kernel_net((32, 64, 96), (0, 4, 2), reach=3, hop=96, name="fast"),
+    "fast": lambda: kernel_net(**FAST, name="fast"),
+    "fast-1-8": lambda: kernel_net(**FAST, name="fast-1-8", pattern="mpve-1-8", period=16),
+    "fast-1-16": lambda: kernel_net(**FAST, name="fast-1-16", pattern="mpve-1-16", period=32),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
 }
