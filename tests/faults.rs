@@ -6,7 +6,7 @@
 mod program;
 
 use std::fs::{self, File};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -82,7 +82,7 @@ impl Desk {
     fn resumes(&self, out: &str) {
         let resumed = self.run(out, &["--resume"]);
         assert!(resumed.status.success(), "{}", text(&resumed));
-        let whole = if out.ends_with(".npy") { "whole.npy" } else { "whole" };
+        let whole = if is_array(out) { "whole.npy" } else { "whole" };
         if !self.path(whole).exists() {
             assert!(self.run(whole, &[]).status.success());
         }
@@ -106,6 +106,11 @@ impl Desk {
             assert!(names.all(|left| !left.contains("partial")), "a partial result stays");
         }
     }
+}
+
+/// Whether a result is one file.
+fn is_array(out: &str) -> bool {
+    Path::new(out).extension().is_some_and(|extension| extension == "npy")
 }
 
 fn text(output: &Output) -> String {
@@ -244,7 +249,7 @@ fn an_end_at_any_moment() {
             }
             let output = child.wait_with_output().unwrap();
             assert!(!text(&output).contains("panicked"), "{}", text(&output));
-            let target = if out.ends_with("npy") { desk.path(&out) } else { desk.path(&out).join("hdr") };
+            let target = if is_array(&out) { desk.path(&out) } else { desk.path(&out).join("hdr") };
             if output.status.success() || round == 2 || target.exists() {
                 break;
             }
@@ -255,7 +260,7 @@ fn an_end_at_any_moment() {
                 break;
             }
         }
-        let target = if out.ends_with("npy") { desk.path(&out) } else { desk.path(&out).join("hdr") };
+        let target = if is_array(&out) { desk.path(&out) } else { desk.path(&out).join("hdr") };
         let note = PathBuf::from(format!("{}.json", video::VideoWriter::partial(&target).display()));
         if note.exists() && fs::metadata(&note).unwrap().len() > 0 {
             desk.resumes(&out);

@@ -294,13 +294,13 @@ fn weights_and_graphs() {
     // Copies whose weights are larger than any file.
     let wide =
         r#""channels": ["measurement", "saturated", "log_exposure", "log_estimate"], "block": [1, 32, 32]"#;
-    let concats: String =
-        (0..64).map(|i| format!(r#", {{"name": "c{i}", "op": "concat", "inputs": ["f", "f"]}}"#)).collect();
+    let list =
+        |count: usize, node: &dyn Fn(usize) -> String| (0..count).map(node).collect::<Vec<_>>().concat();
+    let concats = list(64, &|i| format!(r#", {{"name": "c{i}", "op": "concat", "inputs": ["f", "f"]}}"#));
     let window = r#"{"frames": 1, "lead": 0, "hop": 1}"#;
     refuses(&graph(window, wide, &concats, "estimate"), &["copy too many"]);
-    let many: String = (0..2000)
-        .map(|i| format!(r#", {{"name": "n{i}", "op": "box_estimate", "inputs": ["measurement"]}}"#))
-        .collect();
+    let many =
+        list(2000, &|i| format!(r#", {{"name": "n{i}", "op": "box_estimate", "inputs": ["measurement"]}}"#));
     refuses(&graph(WINDOW, PLAIN, &many, "estimate"), &["2002 nodes"]);
     // Numbers that are none, and operations that cannot be.
     let conv = |more: &str| {

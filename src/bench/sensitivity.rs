@@ -80,7 +80,7 @@ pub fn sensitivity(
         for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
             draw = (draw ^ draw >> 30).wrapping_mul(factor);
         }
-        (draw ^ draw >> 31) % MISSING_EVERY == 0
+        (draw ^ draw >> 31).is_multiple_of(MISSING_EVERY)
     };
     for (name, value, marker) in [
         ("1% of read-outs missing, as 0", 0, None),

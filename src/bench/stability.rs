@@ -130,20 +130,24 @@ impl Weights {
     fn change(self, layer: &mut Layer, taps: usize, undone: bool) {
         let scaled = |layer: &mut Layer, factor: f32| {
             let Some((scale, _)) = layer.norm.as_mut().filter(|_| undone) else { return };
-            scale.iter_mut().for_each(|scale| *scale /= factor);
+            for scale in scale.iter_mut() {
+                *scale /= factor;
+            }
             layer.weight.iter_mut().chain(&mut layer.bias).for_each(|weight| *weight *= factor);
         };
         match self {
             Self::Plain => {}
             Self::Cancelling => {
                 for (i, weight) in layer.weight.iter_mut().enumerate() {
-                    let sign = if (i / taps + i % taps) % 2 == 0 { 1.0 } else { -1.0 };
+                    let sign = if (i / taps + i % taps).is_multiple_of(2) { 1.0 } else { -1.0 };
                     *weight = sign * (512.0 + *weight);
                 }
                 // What does not cancel stays small enough for f16.
                 let count = layer.weight.len() as f32 / layer.bias.len().max(1) as f32;
                 if let Some((scale, _)) = &mut layer.norm {
-                    scale.iter_mut().for_each(|scale| *scale /= 512.0 * count.sqrt());
+                    for scale in scale.iter_mut() {
+                        *scale /= 512.0 * count.sqrt();
+                    }
                 } else {
                     layer.weight.iter_mut().for_each(|weight| *weight /= 8.0);
                 }

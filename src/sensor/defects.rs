@@ -66,7 +66,7 @@ impl Defects {
     /// heading, lines that begin with # are comments.
     pub fn read_pixels(path: impl AsRef<Path>) -> Result<Vec<[usize; 2]>> {
         let path = path.as_ref();
-        Ok(Self::parse_pixels(&super::read_text(path).at(path)?).at(path)?)
+        Self::parse_pixels(&super::read_text(path).at(path)?).at(path)
     }
 
     fn parse_pixels(text: &str) -> Result<Vec<[usize; 2]>, SensorError> {
