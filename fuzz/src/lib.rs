@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Graph, Model, Plan};
-use pix2hdr::sensor::{Calibration, CaptureFile, Form, Pattern, Response, check_exposure_ratio};
+use pix2hdr::sensor::{Calibration, CaptureFile, Defects, Form, Pattern, Response, check_exposure_ratio};
 use pix2hdr::video;
 use serde_json::Map;
 
@@ -32,11 +32,13 @@ pub enum Reader {
     Pattern,
     /// A response table.
     Response,
+    /// A list of dead pixels.
+    DeadPixels,
 }
 
 impl Reader {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::CaptureJson,
         Self::CaptureArray,
         Self::Npy,
@@ -46,6 +48,7 @@ impl Reader {
         Self::Graph,
         Self::Pattern,
         Self::Response,
+        Self::DeadPixels,
     ];
 
     /// Its name in reports.
@@ -60,12 +63,13 @@ impl Reader {
             Self::Graph => "graph",
             Self::Pattern => "pattern",
             Self::Response => "response",
+            Self::DeadPixels => "dead-pixels",
         }
     }
 
     /// Whether its files are text.
     pub fn is_text(self) -> bool {
-        matches!(self, Self::CaptureJson | Self::Graph | Self::Pattern | Self::Response)
+        matches!(self, Self::CaptureJson | Self::Graph | Self::Pattern | Self::Response | Self::DeadPixels)
     }
 }
 
@@ -102,6 +106,7 @@ impl Desk {
             Reader::Graph => "graph.json",
             Reader::Pattern => "pattern.json",
             Reader::Response => "response.csv",
+            Reader::DeadPixels => "dead.txt",
         })
     }
 
@@ -160,6 +165,16 @@ impl Desk {
                     }
                     Err(error) => told(&error),
                 },
+                Err(error) => told(&error),
+            },
+            Reader::DeadPixels => match Defects::read_pixels(&path) {
+                Ok(pixels) => {
+                    let pattern = Pattern::built_in("mpve-1-4").expect("a built-in pattern");
+                    match Defects::new(&pattern, [6, 8], &pixels, None) {
+                        Ok(_) => true,
+                        Err(error) => told(&error),
+                    }
+                }
                 Err(error) => told(&error),
             },
         }

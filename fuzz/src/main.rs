@@ -1,7 +1,7 @@
-//! Random changes to sound files, for as long as one likes, on any toolchain: `cargo xtask fuzz --minutes 10`.
+//! Random changes to sound files, for as long as one likes, on any toolchain: `cargo xtask fuzz 10`.
 //!
 //! What panics, hangs or takes too much memory is kept in the folder `findings`, and the run goes on. Prints one line a
-//! reader. Arguments: minutes, seed, folder of findings.
+//! reader. Arguments: minutes, seed, folder of findings. Or `replay` and a finding, which is read once more.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -26,8 +26,13 @@ type Current = Arc<Mutex<Option<(Instant, Reader, Vec<u8>)>>>;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().collect();
+    if let [_, replay, file] = &arguments[..]
+        && replay == "replay"
+    {
+        return self::replay(Path::new(file));
+    }
     let [_, minutes, seed, findings] = &arguments[..] else {
-        eprintln!("usage: pix2hdr-fuzz MINUTES SEED FOLDER");
+        eprintln!("usage: pix2hdr-fuzz MINUTES SEED FOLDER | replay FILE");
         return ExitCode::FAILURE;
     };
     let (Ok(minutes), Ok(seed)) = (minutes.parse::<f64>(), seed.parse::<u64>()) else {
@@ -90,6 +95,21 @@ fn main() -> ExitCode {
     }
     println!("{} files, {} findings", counts.values().map(|c| c.0).sum::<u64>(), found.len());
     if found.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Reads a finding again; its name begins with that of its reader.
+fn replay(file: &Path) -> ExitCode {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let Some(reader) = Reader::ALL.into_iter().find(|reader| name.starts_with(reader.name())) else {
+        eprintln!("pix2hdr-fuzz: '{name}' does not begin with a reader");
+        return ExitCode::FAILURE;
+    };
+    let data = std::fs::read(file).expect("the finding can be read");
+    let (before, begun) = (peak_memory(), Instant::now());
+    let loads = Desk::new().expect("a desk").read(reader, &data);
+    let mib = peak_memory().saturating_sub(before) >> 20;
+    println!("{name}: {}, {mib} MiB, {:?}", if loads { "loads" } else { "is refused" }, begun.elapsed());
+    ExitCode::SUCCESS
 }
 
 /// Ends the process when a file takes too long, after keeping it.

@@ -129,6 +129,7 @@ pub fn of(reader: Reader) -> Vec<Vec<u8>> {
             "# measured\n0;0\n0.1;0.1\n1e3;1\n",
             "0\t0\n1\t1e-300\n2\t1\n",
         ]),
+        Reader::DeadPixels => texts(&["row,column\n0,0\n5,7\n", "# hot\n2 3\n\n4\t1\n"]),
     }
 }
 

@@ -194,6 +194,7 @@ impl Plan {
         let shapes = graph.shapes(height, width)?;
         // The whole measurement is given; of the other tensors, only the frames that count are computed.
         let mut needed = graph.needed_frames(&shapes);
+        let covers_window = shapes[graph.output.as_str()].t == graph.window.frames;
         needed.insert(MEASUREMENT, 0..graph.window.frames);
         let shapes: HashMap<&str, Shape> =
             needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
@@ -294,7 +295,7 @@ impl Plan {
             .collect();
         let mut result = view(&graph.output);
         let first = needed[graph.output.as_str()].start;
-        if result.shape.t > graph.window.hop && result.shape.c == 1 {
+        if covers_window && result.shape.c == 1 {
             result = result.frames(graph.window.lead - first, graph.window.hop);
         }
         Ok(Self {

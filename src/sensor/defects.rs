@@ -13,6 +13,8 @@ use crate::{At, Result};
 const NEIGHBOURS: usize = 4;
 /// How far neighbours may be, in tiles of the pattern.
 const TILES: i64 = 3;
+/// Places that are looked at for neighbours that have a value.
+const PLACES: usize = 16 * NEIGHBOURS;
 
 /// Which values of a recording are none, and where others are taken from.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,20 +120,28 @@ fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
     let kind: Vec<usize> = (0..pattern.cells.len())
         .map(|i| pattern.cells[..i].iter().position(|other| *other == pattern.cells[i]).unwrap_or(i))
         .collect();
+    let mut members = vec![Vec::new(); kind.len()];
+    for (j, &first) in kind.iter().enumerate() {
+        members[first].push((j as i64 / cols, j as i64 % cols));
+    }
     let of = |i: usize| {
         let (y, x) = (i as i64 / cols, i as i64 % cols);
+        let members = &members[kind[i]];
+        // So many places lie within this distance many times over; tiles of thousands of cells need no more of them.
+        let reach = (PLACES * kind.len()).div_ceil(members.len()).isqrt() as i64;
+        let [tiles_y, tiles_x] = [rows, cols].map(|size| (reach / size + 1).min(TILES));
         let mut places = Vec::new();
-        for j in (0..kind.len()).filter(|&j| kind[j] == kind[i]) {
-            for (ty, tx) in (-TILES..=TILES).flat_map(|ty| (-TILES..=TILES).map(move |tx| (ty, tx))) {
-                let (dy, dx) = (j as i64 / cols + ty * rows - y, j as i64 % cols + tx * cols - x);
-                if (dy, dx) != (0, 0) {
+        for (ty, tx) in (-tiles_y..=tiles_y).flat_map(|ty| (-tiles_x..=tiles_x).map(move |tx| (ty, tx))) {
+            for (member_y, member_x) in members {
+                let (dy, dx) = (member_y + ty * rows - y, member_x + tx * cols - x);
+                if (dy, dx) != (0, 0) && dy.abs().max(dx.abs()) <= reach {
                     places.push(Neighbour { dy, dx, weight: 1.0 / (dy * dy + dx * dx) as f32 });
                 }
             }
         }
         // In one order for all time: by distance, then by place.
         places.sort_by_key(|place| (place.dy * place.dy + place.dx * place.dx, place.dy, place.dx));
-        places.truncate(16 * NEIGHBOURS);
+        places.truncate(PLACES);
         places
     };
     (0..kind.len()).map(of).collect()
@@ -141,6 +151,7 @@ fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
 mod tests {
     use serde_json::Map;
 
+    use super::super::pattern::Cell;
     use super::super::{Capture, CaptureFile, Form, Noise, Pattern, Sampler, Timing};
     use crate::video::Video;
     use crate::video::npy::Counts;
@@ -240,6 +251,31 @@ mod tests {
                 values[pixel] = 0.0;
                 defects.fill(&counts, &mut values, None);
                 assert_eq!(values[pixel], 0.5, "{name}, {place:?}");
+            }
+        }
+    }
+
+    /// The largest tiles that there may be, of cells that are alike or not: soon, and never another shutter's value.
+    #[test]
+    fn large_tiles_have_neighbours() {
+        for (rows, cols) in [(64, 64), (1, 4096), (4096, 1)] {
+            for kinds in [1, 2, 255] {
+                // The read-outs of kind k: exposure 2^n at phase k − (2^n − 1).
+                let cell = |i: usize| {
+                    let exposure = (i % kinds + 1).next_power_of_two();
+                    Cell::periodic(exposure, i % kinds)
+                };
+                let cells = (0..4096).map(cell).collect();
+                let pattern = Pattern { name: "large".into(), rows, cols, cells };
+                for (i, places) in super::alike(&pattern).iter().enumerate() {
+                    assert!(!places.is_empty(), "{rows}×{cols}, {kinds} kinds: cell {i} has none");
+                    for place in places {
+                        let y = (i / cols) as i64 + place.dy;
+                        let x = (i % cols) as i64 + place.dx;
+                        let [y, x] = [y.rem_euclid(rows as i64), x.rem_euclid(cols as i64)];
+                        assert!(pattern.cells[y as usize * cols + x as usize] == pattern.cells[i]);
+                    }
+                }
             }
         }
     }

@@ -1,4 +1,6 @@
-//! Project chores: `cargo xtask test`, `cargo xtask test-training` and `cargo xtask fuzz`.
+//! Project chores: `cargo xtask test`, `test-training`, `mutants` and `fuzz`.
+
+mod mutants;
 
 use std::env;
 use std::io::{BufRead, BufReader};
@@ -10,7 +12,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 type Result<T> = std::result::Result<T, String>;
 
 const USAGE: &str = "usage: cargo xtask test            formatting, lints and all Rust tests, on software Vulkan if \
-                     need be\n       cargo xtask test-training   the tests of training/, with real PyTorch\n       cargo xtask fuzz \
+                     need be\n       cargo xtask test-training   the tests of training/, with real PyTorch\n       cargo xtask mutants         \
+                     deliberate faults, each of which a test has to catch\n       cargo xtask fuzz \
                      [MINUTES]  broken files for every reader, 5 minutes if nothing else is said";
 
 fn main() -> ExitCode {
@@ -18,6 +21,7 @@ fn main() -> ExitCode {
     let outcome = match chore.as_deref() {
         Some("test") => test(),
         Some("test-training") => test_training(),
+        Some("mutants") => root().and_then(|root| mutants::mutants(&root)),
         Some("fuzz") => fuzz(env::args().nth(2)),
         _ => Err(USAGE.into()),
     };
