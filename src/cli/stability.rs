@@ -26,9 +26,11 @@ const SCENE: &str = "fan";
 pub struct Stability<'a> {
     /// Nets, whole.
     pub nets: &'a [&'a Model],
+    /// The net for sensitivity and long recordings, which need a result that means something.
+    pub trained: Option<&'a Model>,
     /// Where, and at which precision.
     pub backends: &'a [Backend],
-    /// A tenth of the frames, and fewer weights.
+    /// Fewer frames, and the default camera alone.
     pub quick: bool,
     /// Seed of the scene.
     pub seed: u64,
@@ -40,7 +42,7 @@ impl Stability<'_> {
         let outcomes = self.outcomes()?;
         let (mut sensitivities, mut soaks) = (Vec::new(), Vec::new());
         // What is wrong with a capture does not depend on where it is computed.
-        if let (Some(net), Some(backend)) = (self.nets.first(), self.backends.first()) {
+        if let (Some(net), Some(backend)) = (self.trained, self.backends.first()) {
             let name = if net.graph.pattern == "any" { "mpve-1-4" } else { &net.graph.pattern };
             let pattern = Pattern::built_in(name)?;
             let scene = procedural::by_name(SCENE, 64, 64, self.seed)
@@ -48,13 +50,13 @@ impl Stability<'_> {
             let size = Size { frames: 64, height: 64, width: 64, samples: 8 };
             let (truth, _) = size.render(&*scene, self.seed)?;
             sensitivities = sensitivity(net, &pattern, &truth, backend)?;
-            let frames = if self.quick { 10_000 } else { 100_000 };
+            let frames = if self.quick { 4000 } else { 100_000 };
             for skip in [Skip::Off, Skip::Exact, Skip::Bounded(Skip::ALLOWED_ERROR)] {
                 soaks.push(soak(net, pattern.clone(), backend, frames, skip)?);
             }
         }
         let report = json!({
-            "outcomes": outcomes, "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
+            "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
         });
         let text = serde_json::to_vec_pretty(&report).map_err(|e| Error::Usage(e.to_string()))?;
         atomic::write_bytes(path, &text)?;
