@@ -335,7 +335,8 @@ fn the_input_is_truncated() {
     });
     let error = outcome.unwrap_err().to_string();
     assert!(error.contains("capture.npy"), "{error}");
-    assert!((11..1300).contains(&begun.len()), "{} frames", begun.len());
+    // What was read ahead, up to 1 MiB, is still what was recorded.
+    assert!((11..1400).contains(&begun.len()), "{} frames", begun.len());
     assert!(begun == whole[..begun.len()]);
 }
 

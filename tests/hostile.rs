@@ -52,26 +52,30 @@ impl Desk {
         assert!(error.len() < 4000, "{what}: {} bytes of words", error.len());
     }
 
-    /// Refuses `content` as the file `name`, which `synth` or `sample` reads.
+    /// Refuses `content` as the file `name`, which `synth` or `sample` reads, and which the line names.
     fn refuses_file(&self, name: &str, content: &[u8], words: &[&str]) {
         let file = Path::new(name).file_name().unwrap().to_string_lossy().into_owned();
+        self.refuses_content(name, content, &[&[&file[..]][..], words].concat());
+    }
+
+    /// As [`Desk::refuses_file`], without the name.
+    fn refuses_content(&self, name: &str, content: &[u8], words: &[&str]) {
         let what = format!("{name}: {}", String::from_utf8_lossy(&content[..content.len().min(300)]));
         let before = fs::read(self.path(name)).ok();
         fs::write(self.path(name), content).unwrap();
-        let words = [&[&file[..]][..], words].concat();
         let (capture, file) = (self.name("capture"), self.name(name));
         let synth = ["synth", &capture, "--executor", "cpu"];
         match Path::new(name).extension().and_then(|extension| extension.to_str()) {
-            Some("safetensors") => self.refuses(&what, &[&synth[..], &["--weights", &file]].concat(), &words),
+            Some("safetensors") => self.refuses(&what, &[&synth[..], &["--weights", &file]].concat(), words),
             _ if name.starts_with("pattern") => {
-                self.refuses(&what, &[&synth[..], &["--pattern", &file]].concat(), &words);
+                self.refuses(&what, &[&synth[..], &["--pattern", &file]].concat(), words);
             }
-            Some("csv") => self.refuses(&what, &[&synth[..], &["--response", &file]].concat(), &words),
+            Some("csv") => self.refuses(&what, &[&synth[..], &["--response", &file]].concat(), words),
             _ if name.starts_with("dead") => {
-                self.refuses(&what, &[&synth[..], &["--dead-pixels", &file]].concat(), &words);
+                self.refuses(&what, &[&synth[..], &["--dead-pixels", &file]].concat(), words);
             }
-            _ if name.starts_with("capture") => self.refuses(&what, &synth, &words),
-            _ => self.refuses(&what, &["sample", &file], &words),
+            _ if name.starts_with("capture") => self.refuses(&what, &synth, words),
+            _ => self.refuses(&what, &["sample", &file], words),
         }
         match before {
             Some(before) => fs::write(self.path(name), before).unwrap(),
@@ -119,7 +123,8 @@ fn arrays() {
         desk.refuses_file("capture/capture.npy", &npy(header, data), &[word]);
     };
     capture(&shape("|u1", "(0, 1099511627776, 1099511627776)"), &[], "");
-    capture(&shape("|u1", "(1, 1, 8)"), &[0; 8], "fewer than");
+    let small = npy(&shape("|u1", "(1, 1, 8)"), &[0; 8]);
+    desk.refuses_content("capture/capture.npy", &small, &["capture.json", "fewer than"]);
     capture(&shape("<f4", "(1, 2, 4)"), &[0; 32], "floating-point");
     capture(&shape("|u1", "(2, 4)"), &[0; 8], "[2, 4]");
     // A frame of 2³⁰ pixels, all of them there, in a file with a hole.
@@ -216,7 +221,7 @@ fn patterns_and_responses_and_lists_of_pixels() {
         ("0,0\n", "two rows"),
         ("0,1\n1,1\n", "two rows"),
         ("0,0\n0,1\n", "row 2"),
-        ("-1e308,0\n1e308,1\n", ""),
+        ("-1e308,0\n1e308,1\n", "too wide"),
         ("0,0\nnan,1\n", "row 2"),
         ("0,0\n1,inf\n", "row 2"),
         ("\n\n#\n", "no rows"),
@@ -298,7 +303,9 @@ fn weights_and_graphs() {
         |count: usize, node: &dyn Fn(usize) -> String| (0..count).map(node).collect::<Vec<_>>().concat();
     let concats = list(64, &|i| format!(r#", {{"name": "c{i}", "op": "concat", "inputs": ["f", "f"]}}"#));
     let window = r#"{"frames": 1, "lead": 0, "hop": 1}"#;
-    refuses(&graph(window, wide, &concats, "estimate"), &["copy too many"]);
+    // Only the plan for a size shows it, so the net is named.
+    let copies = weights(&graph(window, wide, &concats, "estimate"));
+    desk.refuses_content("w.safetensors", &copies, &["'t'", "copy too many"]);
     let many =
         list(2000, &|i| format!(r#", {{"name": "n{i}", "op": "box_estimate", "inputs": ["measurement"]}}"#));
     refuses(&graph(WINDOW, PLAIN, &many, "estimate"), &["2002 nodes"]);
@@ -327,7 +334,7 @@ fn weights_and_graphs() {
     refuses(&graph(WINDOW, PLAIN, "", "measurement"), &["output"]);
     refuses(&graph(WINDOW, PLAIN, "", "nowhere"), &["nowhere"]);
     refuses(&conv(&format!(r#"{sound}, "activation": "none", "add": "c""#)), &["'c'"]);
-    refuses(&"[".repeat(100_000), &["recursion"]);
+    refuses(&"[".repeat(100_000), &["layer graph"]);
     // What is not a weights file at all.
     for bytes in [&[0xff; 8][..], &[0xff; 7], &[0; 8], b"\x02\0\0\0\0\0\0\0{}", b"\x10\x27\0\0\0\0\0\0{"] {
         desk.refuses_file("w.safetensors", bytes, &[]);
@@ -380,9 +387,7 @@ fn pictures() {
         desk.refuses_file("p.exr", &window(corners), &[]);
     }
     // Room is not made for what the file cannot hold: found by fuzzing.
-    for corners in [[0, 0, (1 << 26) - 1, 0], [0, 0, 0, (1 << 26) - 1], [0, 0, 16383, 16382]] {
-        desk.refuses_file("p.exr", &window(corners), &["promises"]);
-    }
+    desk.refuses_file("p.exr", &window([0, 0, (1 << 26) - 1, 0]), &["promises"]);
     for length in [0, 4, 8, bytes.len() / 2, bytes.len() - 1] {
         desk.refuses_file("p.exr", &bytes[..length], &[]);
     }

@@ -129,7 +129,8 @@ impl CaptureFile {
         let info: CaptureInfo = serde_json::from_value(Value::Object(keys))
             .map_err(|e| SensorError::Capture(e.to_string()))
             .at(&json)?;
-        let recording = Recording::new(info, [height, width], array.parent()).at(&array)?;
+        let described = if json.exists() { &json } else { &array };
+        let recording = Recording::new(info, [height, width], array.parent()).at(described)?;
         Ok(Self { recording, frames, array, counts })
     }
 

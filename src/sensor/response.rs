@@ -92,6 +92,9 @@ impl Response {
         if rows.len() < 2 || y1 <= y0 {
             return Err(SensorError::Response("the table needs two rows with different pixel values".into()));
         }
+        if !((x1 - x0).is_finite() && (y1 - y0).is_finite()) {
+            return Err(SensorError::Response("the table's range is too wide".into()));
+        }
         let unit = |&(_, x, y): &(usize, f64, f64)| ((x - x0) / (x1 - x0), (y - y0) / (y1 - y0));
         Ok(Form::Table(rows.iter().map(unit).collect()))
     }
