@@ -178,6 +178,7 @@ fn the_stability_report_is_complete() {
         ("0.5% dead pixels, not known", "0.5% dead pixels, filled"),
         ("0.5% hot pixels, not known", "0.5% hot pixels, filled"),
         ("1% of read-outs missing, as 0", "1% of read-outs missing, filled"),
+        ("every 16th frame dropped, not known", "every 16th frame dropped, filled"),
     ] {
         let (unknown, filled) = (psnr(unknown), psnr(filled));
         assert!(filled > unknown + 1.0 && filled > undisturbed - 1.0, "{undisturbed}, {unknown}, {filled}");

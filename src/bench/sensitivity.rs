@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::Result;
 use crate::network::Model;
 use crate::quality::compare;
-use crate::sensor::{Capture, Form, Pattern, Sampler};
+use crate::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use crate::synth::{Backend, Synthesizer};
 use crate::video::Video;
 use crate::video::npy::Counts;
@@ -51,11 +51,6 @@ pub fn sensitivity(
         ("gain 5% too high", sampled(&|sampler| sampler.gain_error = -0.05)?),
         ("8 bits in place of 10", sampled(&|sampler| sampler.bit_depth = 8)?),
     ];
-    for (name, late) in [("phase 1 frame early", -1), ("phase 1 frame late", 1)] {
-        let mut capture = sound.clone();
-        capture.info.schedule_start += late;
-        disturbed.push((name, capture));
-    }
     let len = sound.height * sound.width;
     // A prime step spreads the pixels over all cells of the pattern.
     let dead: Vec<usize> = (0..len / DEAD_EVERY).map(|i| (i * 7919 + 31) % len).collect();
@@ -92,9 +87,11 @@ pub fn sensitivity(
         disturbed.push((name, capture));
     }
     let is_dropped = |t: usize| t % DROPPED_EVERY == DROPPED_EVERY / 2;
+    // Those behind a frame that is dropped come too early, and the last one fills up the end.
+    let kept: Vec<usize> = (0..sound.frames).filter(|&t| !is_dropped(t)).collect();
     let mut capture = sound.clone();
-    capture.counts = sound.counts.gather(|i| if is_dropped(i / len) { i - len } else { i });
-    disturbed.push(("every 16th frame dropped, the one before repeated", capture));
+    capture.counts = sound.counts.gather(|i| kept[(i / len).min(kept.len() - 1)] * len + i % len);
+    disturbed.push(("every 16th frame dropped, not known", capture));
     let mut capture = sound.clone();
     capture.counts = replaced(&sound, |t, _| is_dropped(t).then_some(MISSING));
     capture.info.missing_count = Some(MISSING);
@@ -104,11 +101,30 @@ pub fn sensitivity(
     let mut synthesizer = Synthesizer::new(model, sound.calibration(), extent, backend, None)?;
     let mut psnr =
         |capture: &Capture| -> Result<f64> { Ok(compare(truth, &synthesizer.video(capture)?.0)?.psnr_mu) };
-    let undisturbed_db = psnr(&sound)?;
-    let row = |(name, capture): (&str, Capture)| -> Result<Sensitivity> {
-        Ok(Sensitivity { disturbance: name.to_owned(), psnr_mu_db: psnr(&capture)?, undisturbed_db })
+    let mut rows = Vec::new();
+    let mut add = |sound: &Capture, disturbed: Vec<(&str, Capture)>| -> Result<()> {
+        let undisturbed_db = psnr(sound)?;
+        for (name, capture) in disturbed {
+            let psnr_mu_db = psnr(&capture)?;
+            rows.push(Sensitivity { disturbance: name.to_owned(), psnr_mu_db, undisturbed_db });
+        }
+        Ok(())
     };
-    disturbed.into_iter().map(row).collect()
+    add(&sound, disturbed)?;
+    // A net needs no phase where frames hold the exposures that cover them, as long as exposures do not change.
+    for (timing, [early, late]) in [
+        (Timing::Covering, ["phase 1 frame early, covering", "phase 1 frame late, covering"]),
+        (Timing::Hold, ["phase 1 frame early, sample and hold", "phase 1 frame late, sample and hold"]),
+    ] {
+        let sound = sampled(&|sampler| sampler.timing = timing)?;
+        let shifted = |frames: i64| {
+            let mut capture = sound.clone();
+            capture.info.schedule_start += frames;
+            capture
+        };
+        add(&sound, vec![(early, shifted(-1)), (late, shifted(1))])?;
+    }
+    Ok(rows)
 }
 
 /// Counts of which some are replaced; `value` gets frame and pixel.

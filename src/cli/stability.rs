@@ -181,13 +181,11 @@ fn net_table(outcomes: &[Outcome]) -> Table {
 }
 
 fn sensitivity_table(rows: &[Sensitivity]) -> Table {
-    let mut table = Table::new(&["what is wrong", "PSNR-µ, dB", "change, dB"]);
-    if let Some(first) = rows.first() {
-        table.row(vec!["nothing".into(), figure(Some(first.undisturbed_db), 2), String::new()]);
-    }
+    let mut table = Table::new(&["what is wrong", "PSNR-µ, dB", "without, dB", "change, dB"]);
     for row in rows {
-        let change = row.psnr_mu_db - row.undisturbed_db;
-        table.row(vec![row.disturbance.clone(), figure(Some(row.psnr_mu_db), 2), format!("{change:+.2}")]);
+        let [with, without] = [row.psnr_mu_db, row.undisturbed_db];
+        let change = format!("{:+.2}", with - without);
+        table.row(vec![row.disturbance.clone(), figure(Some(with), 2), figure(Some(without), 2), change]);
     }
     table
 }
