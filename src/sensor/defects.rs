@@ -191,7 +191,8 @@ mod tests {
         for timing in [Timing::Covering, Timing::Hold] {
             let sound = capture(timing);
             let expected = all(&sound);
-            let pixels = [[0, 0], [7, 11], [7, 12], [8, 11], [15, 23]];
+            // The last three have the same shutters, so that they are neighbours in the sense of the filling.
+            let pixels = [[0, 0], [7, 12], [8, 11], [15, 23], [7, 11], [9, 11], [7, 7]];
             let mut broken = with(&sound, &pixels, None);
             for (i, &[y, x]) in pixels.iter().enumerate() {
                 set(&mut broken, (0..20).map(|t| t * 384 + y * 24 + x), if i % 2 == 0 { 65535 } else { 0 });

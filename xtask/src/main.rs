@@ -11,17 +11,18 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// A chore's failure, as a line for the user.
 type Result<T> = std::result::Result<T, String>;
 
-const USAGE: &str = "usage: cargo xtask test            formatting, lints and all Rust tests, on software Vulkan if \
-                     need be\n       cargo xtask test-training   the tests of training/, with real PyTorch\n       cargo xtask mutants         \
-                     deliberate faults, each of which a test has to catch\n       cargo xtask fuzz \
-                     [MINUTES]  broken files for every reader, 5 minutes if nothing else is said";
+const USAGE: &str = "usage: cargo xtask CHORE
+       test             formatting, lints and all Rust tests, on software Vulkan if need be
+       test-training    the tests of training/, with real PyTorch
+       mutants [WORDS]  deliberate faults, each of which a test has to catch; those with WORDS in their name
+       fuzz [MINUTES]   broken files for every reader, 5 minutes if nothing else is said";
 
 fn main() -> ExitCode {
     let chore = env::args().nth(1);
     let outcome = match chore.as_deref() {
         Some("test") => test(),
         Some("test-training") => test_training(),
-        Some("mutants") => root().and_then(|root| mutants::mutants(&root)),
+        Some("mutants") => root().and_then(|root| mutants::mutants(&root, env::args().nth(2).as_deref())),
         Some("fuzz") => fuzz(env::args().nth(2)),
         _ => Err(USAGE.into()),
     };

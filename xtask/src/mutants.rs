@@ -108,8 +108,13 @@ const MUTANTS: [Mutant; 12] = [
     },
 ];
 
-/// Makes each fault in a copy, and runs the test that has to fail.
-pub fn mutants(root: &Path) -> Result<()> {
+/// Makes each fault in a copy, or those of which `words` are a part, and runs the test that has to fail.
+pub fn mutants(root: &Path, words: Option<&str>) -> Result<()> {
+    let mutants: Vec<_> =
+        MUTANTS.iter().filter(|mutant| words.is_none_or(|words| mutant.what.contains(words))).collect();
+    if mutants.is_empty() {
+        return Err(format!("no fault is called '{}'", words.unwrap_or_default()));
+    }
     let (copy, build) = (target(root).join("mutants/source"), target(root).join("mutants/target"));
     copy_repository(root, &copy)?;
     let test = |test: [&str; 2], quiet: bool| {
@@ -133,7 +138,7 @@ pub fn mutants(root: &Path) -> Result<()> {
         command
     };
     // A test that is not there would pass, and one that fails anyway would catch everything.
-    for mutant in &MUTANTS {
+    for mutant in &mutants {
         let output = runs(mutant, false).stderr(Stdio::inherit()).output().map_err(|e| e.to_string())?;
         let text = String::from_utf8_lossy(&output.stdout);
         if !output.status.success() || !text.contains("1 passed") {
@@ -141,7 +146,7 @@ pub fn mutants(root: &Path) -> Result<()> {
         }
     }
     let mut survivors = Vec::new();
-    for mutant in &MUTANTS {
+    for mutant in &mutants {
         let path = copy.join(mutant.file);
         let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
         if text.matches(mutant.sound).count() != 1 {
@@ -167,7 +172,7 @@ pub fn mutants(root: &Path) -> Result<()> {
             survivors.push(mutant.what);
         }
     }
-    println!("\n{} faults, {} missed", MUTANTS.len(), survivors.len());
+    println!("\n{} faults, {} missed", mutants.len(), survivors.len());
     if survivors.is_empty() { Ok(()) } else { Err(format!("not caught: {}", survivors.join("; "))) }
 }
 
