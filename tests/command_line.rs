@@ -12,8 +12,13 @@ use program::{fails, pix2hdr, succeeds};
 
 /// A folder with a small capture in it, and its path.
 fn capture() -> (tempfile::TempDir, String) {
+    capture_of(|i| (i % 97) as f32 / 97.0)
+}
+
+/// As [`capture`], of a video whose value `i` is `pixel(i)`.
+fn capture_of(pixel: impl Fn(usize) -> f32) -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
-    let video = Video::new(9, 18, 22, (0..9 * 18 * 22).map(|i| (i % 97) as f32 / 97.0).collect()).unwrap();
+    let video = Video::new(9, 18, 22, (0..9 * 18 * 22).map(pixel).collect()).unwrap();
     video::write(folder.path().join("truth.npy"), &video, Writing::default()).unwrap();
     let truth = folder.path().join("truth.npy").display().to_string();
     let out = folder.path().join("capture").display().to_string();
@@ -71,6 +76,42 @@ fn software_vulkan_and_cpu_give_the_same_video() {
     let (cpu, gpu) = (run("cpu"), run("gpu"));
     let worst = cpu.data.iter().zip(&gpu.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst < 1e-4, "they differ by {worst}");
+}
+
+/// Hot pixels and missing read-outs that are named, by options or in the capture, disturb little; others do.
+#[test]
+fn dead_pixels_and_missing_readouts_are_filled() {
+    // A slope from left to right.
+    let (folder, array) = capture_of(|i| 0.05 + 0.02 * (i % 22) as f32);
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let synth = |capture: &str, name: &str, more: &[&str]| {
+        let out = path(name);
+        succeeds(&[&["synth", capture, "--out", &out, "--executor", "cpu"], more].concat());
+        video::read(&out).unwrap()
+    };
+    let sound = synth(&array, "sound.npy", &[]);
+    let (extents, counts) = npy::read_counts(&array).unwrap();
+    let npy::Counts::U16(mut counts) = counts else { panic!("the simulator writes 16 bits") };
+    let len = 18 * 22;
+    for (i, count) in counts.iter_mut().enumerate() {
+        if [9 * 22 + 10, 9 * 22 + 14, 17 * 22 + 21].contains(&(i % len)) {
+            *count = 1023;
+        } else if i % 83 == 0 {
+            *count = 65535;
+        }
+    }
+    npy::write_counts(&array, &extents, &npy::Counts::U16(counts)).unwrap();
+    fs::write(folder.path().join("dead.csv"), "row,column\n9,10\n9,14\n17,21\n").unwrap();
+    let named = ["--dead-pixels", &path("dead.csv"), "--missing-count", "65535"];
+    let distance = |other: &Video| -> f32 {
+        sound.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).sum::<f32>() / sound.data.len() as f32
+    };
+    let (unknown, filled) = (synth(&array, "unknown.npy", &[]), synth(&array, "filled.npy", &named));
+    let (unknown, filled_distance) = (distance(&unknown), distance(&filled));
+    assert!(filled_distance > 0.0 && filled_distance < 0.5 * unknown, "{filled_distance} against {unknown}");
+    // An imported capture says it itself.
+    succeeds(&[&["import", &array, "--out", &path("imported")][..], &named].concat());
+    assert_eq!(synth(&path("imported"), "imported.npy", &[]), filled);
 }
 
 #[test]
