@@ -123,7 +123,7 @@ fn synthesise(model: &Model, capture: &Capture, backend: &Backend, options: Opti
 #[test]
 fn the_same_input_gives_the_same_bytes() {
     let model = stability::preset("fast").unwrap();
-    let capture = capture("mpve-1-4", &moving(11, 46, 52));
+    let capture = capture("mpve-1-4", &moving(11, 24, 60));
     for backend in backends() {
         let whole = synthesise(&model, &capture, &backend, Options::default());
         let same = |what: &str, options: Options| {
