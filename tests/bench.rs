@@ -142,10 +142,54 @@ fn tables_name_their_units() {
     }
 }
 
+/// Every kernel within its bounds, a long recording without drift, and defects that cost less once they are known.
+#[test]
+fn the_stability_report_is_complete() {
+    let out = tempfile::tempdir().unwrap();
+    let arguments =
+        ["bench", "--stability", "--quick", "--presets", "tiny", "--executor", "cpu", "--json", "--out"];
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_pix2hdr")).args(arguments).arg(out.path()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        report,
+        serde_json::from_slice::<Value>(&fs::read(out.path().join("stability.json")).unwrap()).unwrap()
+    );
+    let rows = |key: &str| value(&report, key).as_array().unwrap().clone();
+    let steps: Vec<Value> = rows("outcomes")
+        .iter()
+        .flat_map(|outcome| value(outcome, "steps").as_array().unwrap().clone())
+        .collect();
+    assert!(steps.len() > 500 && steps.iter().all(|step| step["fraction"].as_f64().unwrap() <= 1.0));
+    for soak in rows("soak") {
+        assert_eq!((&soak["frames"], &soak["differing"]), (&4000.into(), &0.into()), "{soak}");
+    }
+    let sensitivity = rows("sensitivity");
+    let psnr = |what: &str| {
+        let row = sensitivity
+            .iter()
+            .find(|row| row["disturbance"] == what)
+            .unwrap_or_else(|| panic!("no '{what}'"));
+        positive(row, "psnr_mu_db")
+    };
+    let undisturbed = positive(&sensitivity[0], "undisturbed_db");
+    for (unknown, filled) in [
+        ("0.5% dead pixels, not known", "0.5% dead pixels, filled"),
+        ("0.5% hot pixels, not known", "0.5% hot pixels, filled"),
+        ("1% of read-outs missing, as 0", "1% of read-outs missing, filled"),
+        ("every 16th frame dropped, not known", "every 16th frame dropped, filled"),
+    ] {
+        let (unknown, filled) = (psnr(unknown), psnr(filled));
+        assert!(filled > unknown + 1.0 && filled > undisturbed - 1.0, "{undisturbed}, {unknown}, {filled}");
+    }
+}
+
 #[test]
 fn requests_that_cannot_be_met_are_refused() {
     for (arguments, word) in [
-        (&["--scene", "nonesuch"][..], "nonesuch"),
+        (&["--precision", "f16", "--executor", "cpu"][..], "f32 only"),
+        (&["--scene", "nonesuch"], "nonesuch"),
         (&["--presets", "nonesuch"], "nonesuch"),
         (&["--presets", "fast", "--executor", "cpu", "--variant", "4x2"], "--variant"),
         (&["--executor", "gpu", "--adapter", "nonesuch"], "nonesuch"),

@@ -1,48 +1,24 @@
 //! The program as a user meets it: the whole chain, and one helpful line for whatever is wrong.
 
+#[path = "support/program.rs"]
+mod program;
+
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
 use pix2hdr::video::{self, Video, Writing, npy};
-
-fn pix2hdr(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_pix2hdr"))
-        .args(arguments)
-        .env_remove("RUST_LOG")
-        .output()
-        .expect("the program starts")
-}
-
-/// Runs a command that must succeed, and returns what it prints.
-fn succeeds(arguments: &[&str]) -> String {
-    let output = pix2hdr(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// Runs a command that must fail with one line that holds all of `words`, and must write nothing into `out`.
-fn fails(arguments: &[&str], words: &[&str], out: &Path) {
-    let output = pix2hdr(arguments);
-    let error = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success(), "{arguments:?} succeeded");
-    // Graphics drivers add lines of their own; ours begin with our name.
-    let ours: Vec<&str> =
-        error.lines().filter(|line| line.starts_with("pix2hdr:") && !line.contains("warning:")).collect();
-    assert_eq!(ours.len(), 1, "{arguments:?}: {error}");
-    assert!(!error.contains("panicked"), "{error}");
-    for word in words {
-        assert!(ours[0].contains(word), "{arguments:?}: '{word}' is not in '{}'", ours[0]);
-    }
-    assert!(output.stdout.is_empty(), "{arguments:?} printed a result");
-    let left: Vec<_> = fs::read_dir(out).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    assert!(left.is_empty(), "{arguments:?} left {left:?}");
-}
+use program::{fails, pix2hdr, succeeds};
 
 /// A folder with a small capture in it, and its path.
 fn capture() -> (tempfile::TempDir, String) {
+    capture_of(|i| (i % 97) as f32 / 97.0)
+}
+
+/// As [`capture`], of a video whose value `i` is `pixel(i)`.
+fn capture_of(pixel: impl Fn(usize) -> f32) -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
-    let video = Video::new(9, 18, 22, (0..9 * 18 * 22).map(|i| (i % 97) as f32 / 97.0).collect()).unwrap();
+    let video = Video::new(9, 18, 22, (0..9 * 18 * 22).map(pixel).collect()).unwrap();
     video::write(folder.path().join("truth.npy"), &video, Writing::default()).unwrap();
     let truth = folder.path().join("truth.npy").display().to_string();
     let out = folder.path().join("capture").display().to_string();
@@ -100,6 +76,42 @@ fn software_vulkan_and_cpu_give_the_same_video() {
     let (cpu, gpu) = (run("cpu"), run("gpu"));
     let worst = cpu.data.iter().zip(&gpu.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst < 1e-4, "they differ by {worst}");
+}
+
+/// Hot pixels and missing read-outs that are named, by options or in the capture, disturb little; others do.
+#[test]
+fn dead_pixels_and_missing_readouts_are_filled() {
+    // A slope from left to right.
+    let (folder, array) = capture_of(|i| 0.05 + 0.02 * (i % 22) as f32);
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let synth = |capture: &str, name: &str, more: &[&str]| {
+        let out = path(name);
+        succeeds(&[&["synth", capture, "--out", &out, "--executor", "cpu"], more].concat());
+        video::read(&out).unwrap()
+    };
+    let sound = synth(&array, "sound.npy", &[]);
+    let (extents, counts) = npy::read_counts(&array).unwrap();
+    let npy::Counts::U16(mut counts) = counts else { panic!("the simulator writes 16 bits") };
+    let len = 18 * 22;
+    for (i, count) in counts.iter_mut().enumerate() {
+        if [9 * 22 + 10, 9 * 22 + 14, 17 * 22 + 21].contains(&(i % len)) {
+            *count = 1023;
+        } else if i % 83 == 0 {
+            *count = 65535;
+        }
+    }
+    npy::write_counts(&array, &extents, &npy::Counts::U16(counts)).unwrap();
+    fs::write(folder.path().join("dead.csv"), "row,column\n9,10\n9,14\n17,21\n").unwrap();
+    let named = ["--dead-pixels", &path("dead.csv"), "--missing-count", "65535"];
+    let distance = |other: &Video| -> f32 {
+        sound.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).sum::<f32>() / sound.data.len() as f32
+    };
+    let (unknown, filled) = (synth(&array, "unknown.npy", &[]), synth(&array, "filled.npy", &named));
+    let (unknown, filled_distance) = (distance(&unknown), distance(&filled));
+    assert!(filled_distance > 0.0 && filled_distance < 0.5 * unknown, "{filled_distance} against {unknown}");
+    // An imported capture says it itself.
+    succeeds(&[&["import", &array, "--out", &path("imported")][..], &named].concat());
+    assert_eq!(synth(&path("imported"), "imported.npy", &[]), filled);
 }
 
 #[test]

@@ -289,6 +289,25 @@ fn weights_that_overflow_make_results_that_are_finite() {
     assert!(result.iter().all(|v| v.is_finite()));
 }
 
+/// What a net without a video at its end gives is given in whole: found by fuzzing.
+#[test]
+fn outputs_of_fewer_frames_than_the_window_are_whole() {
+    let json = r#"{"version": 1, "name": "folded", "pattern": "any",
+        "window": {"frames": 64, "lead": 16, "hop": 2}, "nodes": [
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {"name": "f", "op": "features", "inputs": ["measurement", "estimate"],
+            "channels": ["measurement", "log_exposure"], "block": [16, 1, 1]},
+        {"name": "ldr", "op": "conv3d", "inputs": ["f"], "out_channels": 2, "kernel": [1, 3, 3],
+            "stride": [1, 1, 1], "activation": "sigmoid"},
+        {"name": "i", "op": "inverse_response", "inputs": ["ldr"], "exposures": [2, 8]},
+        {"name": "w", "op": "conv3d", "inputs": ["i"], "out_channels": 2, "kernel": [1, 1, 1],
+            "stride": [1, 1, 1], "activation": {"softplus": 0.001}},
+        {"name": "result", "op": "fuse", "inputs": ["w", "i"]}], "output": "result"}"#;
+    let plan = Plan::lower(&model(json, 3), 4, 4).unwrap();
+    assert_eq!(plan.result.shape.t, 4);
+    assert!(run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 1).iter().all(|p| p.is_finite()));
+}
+
 #[test]
 fn buffers_of_the_wrong_size_are_refused() {
     let (model, [height, width]) = nets().remove(0);

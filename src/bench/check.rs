@@ -93,7 +93,8 @@ impl Oracle {
     }
 }
 
-fn psnr<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>, width: usize) -> f64 {
+/// PSNR in dB, peak 1, of pairs of exact and computed frames.
+pub(super) fn psnr<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>, width: usize) -> f64 {
     let mut comparison = Comparison::default();
     for (exact, result) in pairs {
         comparison.add(exact, result, width);

@@ -11,6 +11,9 @@ mod frontier;
 mod machine;
 mod measure;
 mod samples;
+mod sensitivity;
+mod soak;
+pub mod stability;
 
 pub use check::Oracle;
 pub use clip::Clip;
@@ -19,3 +22,5 @@ pub use frontier::frontier;
 pub use machine::{Machine, ProcessorPeak};
 pub use measure::{Case, Effort, Layer, Row};
 pub use samples::Samples;
+pub use sensitivity::{Sensitivity, sensitivity};
+pub use soak::{Soak, soak};

@@ -16,6 +16,7 @@ use serde_json::json;
 
 use super::options::{Executor, Precision, Skip, allowed_error, show};
 use super::scene::{Size, at_least_one};
+use super::stability::Stability;
 use super::table::{Table, figure, short};
 use super::terminal;
 
@@ -63,7 +64,12 @@ pub struct Bench {
     /// invocations that share weights; measures inference only
     #[arg(long, value_parser = parse_variant, value_name = "PIXELSxVECTORS[xLANES]")]
     variant: Option<Variant>,
-    /// Take a fifth of the time
+    /// Measure numerical stability in place of run time: every kernel and whole nets under stress, and for the first
+    /// trained net sensitivity to what is wrong with a capture and 100,000 frames in a row; writes stability.json
+    /// (docs/numerics.md)
+    #[arg(long, conflicts_with_all = ["per_layer", "variant", "size", "frames", "skip", "scene"])]
+    stability: bool,
+    /// Take a fifth of the time, or less
     #[arg(long)]
     quick: bool,
     /// Seed of scenes and noise
@@ -136,6 +142,17 @@ impl Bench {
             return Err(Error::Usage(
                 "the CPU has f32 only; --executor gpu takes software Vulkan too".into(),
             ));
+        }
+        if self.stability {
+            let backends: Vec<_> = backends.iter().flat_map(|backend| self.at_precisions(backend)).collect();
+            let stability = Stability {
+                nets: &nets.iter().map(|net| &net.model).collect::<Vec<_>>(),
+                trained: nets.iter().find(|net| net.trained).map(|net| &net.model),
+                backends: &backends,
+                quick: self.quick,
+                seed: self.seed,
+            };
+            return stability.run(&self.out.join("stability.json"), self.markdown, self.json);
         }
         if self.variant.is_some() && backends.iter().any(|backend| matches!(backend, Backend::Cpu)) {
             return Err(Error::Usage("--variant is for GPUs; name one with --executor gpu".into()));

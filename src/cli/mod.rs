@@ -10,6 +10,7 @@ mod interrupt;
 mod options;
 mod sample;
 mod scene;
+mod stability;
 mod suite;
 mod synth;
 mod table;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use pix2hdr::network::{self, Model};
-use pix2hdr::sensor::{Calibration, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
+use pix2hdr::sensor::{Calibration, Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
 use pix2hdr::synth::{self, Backend, Options, Request, Synthesizer};
 use pix2hdr::{Error, Result};
 use serde::Serialize;
@@ -268,6 +268,12 @@ pub struct CaptureOptions {
     /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
     #[arg(long, value_parser = parse_response, value_name = "CURVE")]
     pub response: Option<ResponseOption>,
+    /// Dead and hot pixels, which are filled from their neighbours: a text file with a row and a column a line
+    #[arg(long, value_name = "FILE")]
+    pub dead_pixels: Option<PathBuf>,
+    /// Count that stands for a missing read-out, which is filled from its neighbours
+    #[arg(long, value_name = "COUNT")]
+    pub missing_count: Option<u16>,
 }
 
 /// What each frame of a capture holds.
@@ -306,6 +312,9 @@ impl CaptureOptions {
         set("black_level", self.black_level.map(Value::from));
         set("white_level", self.white_level.map(Value::from));
         set("frame_period_ms", self.frame_period_ms.map(Value::from));
+        let pixels = self.dead_pixels.as_ref().map(Defects::read_pixels).transpose()?;
+        set("dead_pixels", pixels.map(Value::from));
+        set("missing_count", self.missing_count.map(Value::from));
         Ok(keys)
     }
 }

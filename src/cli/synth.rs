@@ -142,8 +142,15 @@ impl Synth {
             Ok(report) if from + report.frames == frames => report,
             // What is there stays, whatever the reason.
             outcome => {
-                let interrupted = result.suspend(frames)?;
-                return Err(outcome.err().unwrap_or(interrupted));
+                let left = result.suspend(frames);
+                return Err(match outcome {
+                    Ok(_) => Error::Usage(left?),
+                    Err(error) => {
+                        // If even that fails, it is for the same reason.
+                        let _ = left.map(|left| terminal::warn(&left));
+                        error
+                    }
+                });
             }
         };
         result.finish()?;

@@ -203,6 +203,8 @@ pub struct StepError {
     pub kernel: &'static str,
     /// Largest error as a fraction of its bound.
     pub fraction: f64,
+    /// Largest magnitude of what it computed: how far from overflow it is.
+    pub magnitude: f32,
 }
 
 /// Runs a window and compares the output of each step with the f64 twin's on the step's own inputs, as the executor
@@ -222,7 +224,8 @@ pub fn step_errors(
         let storage = storage(&step.kernel, precision);
         let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
         let fraction = largest_fraction(output, &exact, &bound);
-        errors.push(StepError { step: step.name.clone(), kernel: step.kernel.name(), fraction });
+        let magnitude = output.data.iter().map(|v| v.abs()).fold(0.0, f32::max);
+        errors.push(StepError { step: step.name.clone(), kernel: step.kernel.name(), fraction, magnitude });
     };
     executor.trace(measurement, schedule, &mut visit)?;
     Ok(errors)

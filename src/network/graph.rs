@@ -13,10 +13,12 @@ pub(super) const MEASUREMENT: &str = "measurement";
 
 /// Bounds on what a file may declare, far above any useful net: they keep a hostile file from asking for
 /// absurd amounts of memory or time.
-const MAX_NODES: usize = 4096;
+const MAX_NODES: usize = 1024;
 const MAX_CHANNELS: usize = 8192;
 const MAX_EXTENT: usize = 64;
 const MAX_FRAMES: usize = 256;
+/// Values of one tensor, far more than any memory holds: sums of them do not overflow.
+const MAX_VALUES: usize = 1 << 50;
 
 /// A net as data: nodes in the order in which they are computed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -179,7 +181,7 @@ impl Graph {
         if self.version != 1 {
             return fail(format!("version {} is not supported (this program reads 1)", self.version));
         }
-        if hop == 0 || frames > MAX_FRAMES || lead + hop > frames {
+        if hop == 0 || frames > MAX_FRAMES || lead > frames || hop > frames - lead {
             return fail(format!("window of {frames} frames cannot give {hop} from frame {lead}"));
         }
         if self.nodes.len() > MAX_NODES {
@@ -209,13 +211,11 @@ impl Graph {
                 return Err(node.fail(format!("spans {span:?} pixels, more than {MAX_EXTENT}")));
             }
             largest = std::array::from_fn(|i| lcm(largest[i], span[i].max(1)));
+            if largest.iter().any(|&s| s > 16 * MAX_EXTENT) {
+                let problem = format!("granularity {largest:?} is too coarse");
+                return Err(NetworkError::Graph(self.name.clone(), problem));
+            }
             spans.insert(&node.name, span);
-        }
-        if largest.iter().any(|&s| s > 16 * MAX_EXTENT) {
-            return Err(NetworkError::Graph(
-                self.name.clone(),
-                format!("granularity {largest:?} is too coarse"),
-            ));
         }
         Ok(largest)
     }
@@ -535,6 +535,10 @@ impl Node {
         if shape.c > MAX_CHANNELS {
             return Err(self.fail(format!("{} channels, more than {MAX_CHANNELS}", shape.c)));
         }
+        let values = shape.extent().iter().try_fold(shape.c, |values, &extent| values.checked_mul(extent));
+        if values.is_none_or(|values| values > MAX_VALUES) {
+            return Err(self.fail(format!("{shape} are too many values")));
+        }
         Ok(shape)
     }
 }
@@ -553,9 +557,18 @@ impl Convolution {
                 return Err(format!("kernel {kernel:?} with stride {stride:?}"));
             }
         }
+        if let Activation::LeakyRelu(number) | Activation::Softplus(number) = self.activation
+            && !number.is_finite()
+        {
+            return Err(format!("an activation with {number}"));
+        }
         let extent = input.extent();
         let out = |axis: usize| {
-            if transposed { extent[axis] * stride[axis] } else { extent[axis].div_ceil(stride[axis]) }
+            if transposed {
+                extent[axis].saturating_mul(stride[axis])
+            } else {
+                extent[axis].div_ceil(stride[axis])
+            }
         };
         Ok(Shape::new(std::array::from_fn(out), *out_channels))
     }

@@ -1,6 +1,8 @@
 //! A graph with its tensors, read from and written to weights files.
 
 use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -55,12 +57,17 @@ impl Model {
     /// Reads a weights file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let len = std::fs::metadata(path).at(path)?.len();
-        if len > MAX_FILE {
-            let problem = format!("{len} bytes, more than the {MAX_FILE} that a weights file may have");
+        let mut bytes = Vec::new();
+        let file = File::open(path).at(path)?;
+        if !file.metadata().at(path)?.is_file() {
+            return Err(Error::from(NetworkError::Format("not a file".into())).at(path));
+        }
+        file.take(MAX_FILE + 1).read_to_end(&mut bytes).at(path)?;
+        if bytes.len() as u64 > MAX_FILE {
+            let problem = format!("more than the {MAX_FILE} bytes that a weights file may have");
             return Err(Error::from(NetworkError::Format(problem)).at(path));
         }
-        Self::from_bytes(&std::fs::read(path).at(path)?).at(path)
+        Self::from_bytes(&bytes).at(path)
     }
 
     /// A weights file by its path, or a built-in preset by its name.

@@ -12,6 +12,9 @@ use std::sync::Arc;
 use super::graph::MEASUREMENT;
 use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
+/// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
+const MAX_IDENTITIES: usize = 1 << 24;
+
 /// A tensor inside a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
@@ -191,6 +194,7 @@ impl Plan {
         let shapes = graph.shapes(height, width)?;
         // The whole measurement is given; of the other tensors, only the frames that count are computed.
         let mut needed = graph.needed_frames(&shapes);
+        let covers_window = shapes[graph.output.as_str()].t == graph.window.frames;
         needed.insert(MEASUREMENT, 0..graph.window.frames);
         let shapes: HashMap<&str, Shape> =
             needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
@@ -213,10 +217,16 @@ impl Plan {
             let view = view(name).frames(start as usize - there.start, (end - start) as usize);
             (view, (start - wanted.start) as usize)
         };
-        let steps = graph
-            .nodes
-            .iter()
-            .filter(|node| needed.contains_key(node.name.as_str()))
+        let computed = || graph.nodes.iter().filter(|node| needed.contains_key(node.name.as_str()));
+        let copied = computed().filter(|node| matches!(node.op, Op::Concat)).flat_map(|node| {
+            let parts = parts_to_copy(node, view(&node.name), view);
+            parts.into_iter().map(|(_, input, _)| input.shape.c * input.shape.c)
+        });
+        if copied.sum::<usize>() > MAX_IDENTITIES {
+            let problem = "its concatenations copy too many channels".into();
+            return Err(NetworkError::Graph(graph.name.clone(), problem));
+        }
+        let steps = computed()
             .flat_map(|node| {
                 if matches!(node.op, Op::Concat) {
                     return copies(node, view(&node.name), view);
@@ -285,7 +295,7 @@ impl Plan {
             .collect();
         let mut result = view(&graph.output);
         let first = needed[graph.output.as_str()].start;
-        if result.shape.t > graph.window.hop && result.shape.c == 1 {
+        if covers_window && result.shape.c == 1 {
             result = result.frames(graph.window.lead - first, graph.window.hop);
         }
         Ok(Self {
@@ -356,16 +366,8 @@ fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str
 /// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with
 /// the identity, which are exact at any precision.
 fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> {
-    let mut steps = Vec::new();
-    let mut channel = 0;
-    for name in &concat.inputs {
-        let input = view(name);
+    let copy = |(name, input, output): (&String, View, View)| {
         let c = input.shape.c;
-        let output = View { offset: whole.offset + channel, shape: input.shape, ..whole };
-        channel += c;
-        if input == output {
-            continue;
-        }
         let weight = (0..c * c).map(|i| if i % (c + 1) == 0 { 1.0 } else { 0.0 }).collect();
         let kernel = Kernel::Conv3d(Arc::new(ConvolutionStep {
             kernel: [1; 3],
@@ -377,9 +379,24 @@ fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> 
             layer: Arc::new(Layer { weight, bias: vec![0.0; c], norm: None }),
         }));
         let name = format!("{name} in {}", concat.name);
-        steps.push(Step { name, kernel, inputs: vec![input], output, first_frame: 0 });
+        Step { name, kernel, inputs: vec![input], output, first_frame: 0 }
+    };
+    parts_to_copy(concat, whole, view).into_iter().map(copy).collect()
+}
+
+/// The tensors that have to be copied into a concatenation, where they lie, and where they go.
+fn parts_to_copy(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<(&String, View, View)> {
+    let mut channel = 0;
+    let mut parts = Vec::new();
+    for name in &concat.inputs {
+        let input = view(name);
+        let output = View { offset: whole.offset + channel, shape: input.shape, ..whole };
+        channel += input.shape.c;
+        if input != output {
+            parts.push((name, input, output));
+        }
     }
-    steps
+    parts
 }
 
 /// Gives every tensor a buffer, and every buffer its lifetime in steps.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::defects::Defects;
 use super::pattern::Tile;
 use super::{Calibration, CaptureFile, Form, Pattern, Recording, Response, SensorError};
 use crate::Result;
@@ -58,11 +59,47 @@ pub struct CaptureInfo {
     /// What p = 1 stands for, in the source's units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub anchor: Option<f64>,
+    /// Dead and hot pixels as (row, column): their counts are not used.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub dead_pixels: Vec<[usize; 2]>,
+    /// Count that stands for a read-out that is missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub missing_count: Option<u16>,
 }
 
 impl CaptureInfo {
-    /// Pixel values y in [0, 1] of counts.
-    pub(super) fn pixel_values<C: Copy + Into<f64>>(&self, counts: &[C], values: &mut [f32]) {
+    /// Its defects in frames of [rows, columns], if it has any.
+    pub(super) fn defects(
+        &self,
+        pattern: &Pattern,
+        extent: [usize; 2],
+    ) -> Result<Option<Defects>, SensorError> {
+        if self.dead_pixels.is_empty() && self.missing_count.is_none() {
+            return Ok(None);
+        }
+        Defects::new(pattern, extent, &self.dead_pixels, self.missing_count).map(Some)
+    }
+
+    /// Pixel values y in [0, 1] of a frame's counts, with its defects filled; `before` are those of the frame before.
+    pub(super) fn pixel_values(
+        &self,
+        counts: &Counts,
+        defects: Option<&Defects>,
+        values: &mut [f32],
+        before: Option<&[f32]>,
+    ) {
+        match counts {
+            Counts::U8(counts) => self.scaled(counts, values),
+            Counts::U16(counts) => self.scaled(counts, values),
+        }
+        match (defects, counts) {
+            (Some(defects), Counts::U8(counts)) => defects.fill(counts, values, before),
+            (Some(defects), Counts::U16(counts)) => defects.fill(counts, values, before),
+            (None, _) => {}
+        }
+    }
+
+    fn scaled<C: Copy + Into<f64>>(&self, counts: &[C], values: &mut [f32]) {
         let black = self.black_level;
         let scale = 1.0 / (self.white_level - black);
         for (value, &count) in values.iter_mut().zip(counts) {
@@ -197,16 +234,13 @@ impl Capture {
         Calibration::new(&self.pattern, &self.response)
     }
 
-    /// Pixel values y in [0, 1] of frame `t`, [y, x].
+    /// Pixel values y in [0, 1] of frame `t`, [y, x], as they stand in the capture: its defects too.
     pub fn pixel_values(&self, t: usize, values: &mut [f32]) {
         let len = self.height * self.width;
-        match &self.counts {
-            Counts::U8(counts) => self.info.pixel_values(&counts[t * len..][..len], values),
-            Counts::U16(counts) => self.info.pixel_values(&counts[t * len..][..len], values),
-        }
+        self.info.pixel_values(&self.counts.range(t * len..(t + 1) * len), None, values, None);
     }
 
-    /// Pixel values y in [0, 1] of all frames.
+    /// Pixel values y in [0, 1] of all frames, as they stand in the capture.
     pub fn measurement(&self) -> Video {
         let mut video = Video::black(self.frames, self.height, self.width);
         for t in 0..self.frames {

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod capture;
+mod defects;
 mod fit_response;
 mod importer;
 mod pattern;
@@ -9,14 +10,33 @@ mod recording;
 mod response;
 mod sampler;
 
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
 pub use calibration::Calibration;
 pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
+pub use defects::Defects;
 pub use fit_response::{ResponseFit, fit_response};
 pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use recording::{CaptureFile, FrameSource, Recording};
 pub use response::{Form, Response};
 pub use sampler::{Noise, Sampler};
+
+/// Most bytes of a text file that is read: a bound on what a hostile one can make us allocate.
+const MAX_TEXT: u64 = 16 << 20;
+
+/// The whole of a text file.
+fn read_text(path: &Path) -> std::io::Result<String> {
+    let mut text = String::new();
+    File::open(path)?.take(MAX_TEXT + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MAX_TEXT {
+        let problem = format!("more than the {MAX_TEXT} bytes that a text file may have");
+        return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, problem));
+    }
+    Ok(text)
+}
 
 /// What can be wrong with a pattern, a response or a capture.
 #[derive(Debug, thiserror::Error)]

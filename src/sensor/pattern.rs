@@ -97,10 +97,14 @@ impl Cell {
         if self.period == 0 || self.period > MAX_PERIOD {
             return Err(format!("a period of {} frames; 1 to {MAX_PERIOD} can be used", self.period));
         }
+        let within = |shutter: &Shutter| shutter.start < self.period && shutter.frames <= self.period;
+        if let Some(shutter) = self.shutters.iter().find(|shutter| !within(shutter)) {
+            return Err(format!("the shutter at frame {} does not lie within the period", shutter.start));
+        }
         let mut covered = 0;
         for (i, shutter) in self.shutters.iter().enumerate() {
             let next = self.shutters.get(i + 1).map_or(self.shutters[0].start + self.period, |s| s.start);
-            if shutter.start >= self.period || shutter.start + shutter.frames != next {
+            if shutter.start + shutter.frames != next {
                 return Err(format!(
                     "the shutter at frame {} does not end where the next begins",
                     shutter.start
@@ -176,7 +180,7 @@ impl Pattern {
     pub fn load(name: &str) -> Result<Self> {
         let path = Path::new(name);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
-            let text = std::fs::read_to_string(path).at(path)?;
+            let text = super::read_text(path).at(path)?;
             let tile: Tile =
                 serde_json::from_str(&text).map_err(|e| SensorError::Pattern(e.to_string())).at(path)?;
             let fallback =

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::capture::ARRAY;
+use super::defects::Defects;
 use super::{Calibration, Capture, CaptureInfo, Cell, Pattern, Response, SensorError, Timing};
+use crate::video::check_size;
 use crate::video::npy::{Counts, CountsReader};
 use crate::{At, Error, Result};
 
@@ -23,6 +25,8 @@ pub struct Recording {
     pub height: usize,
     /// Columns.
     pub width: usize,
+    /// Pixels and read-outs without a value, which are filled.
+    pub defects: Option<Defects>,
 }
 
 /// Frames one after the other.
@@ -51,8 +55,19 @@ impl Recording {
         if !(1..=16).contains(&bit_depth) {
             return fail(format!("a bit depth of {bit_depth}"));
         }
-        if !(black_level.is_finite() && white_level.is_finite() && black_level < white_level) {
+        // Less than a count apart, levels say nothing; too far apart, every pixel is black.
+        if !(1.0..=1e9).contains(&(white_level - black_level)) {
             return fail(format!("black level {black_level} is not below white level {white_level}"));
+        }
+        let CaptureInfo { full_well_e, read_noise_e, anchor, .. } = info;
+        for (key, value, least) in [
+            ("full_well_e", full_well_e, f64::MIN_POSITIVE),
+            ("read_noise_e", read_noise_e, 0.0),
+            ("anchor", anchor, f64::from(f32::MIN_POSITIVE)),
+        ] {
+            if value.is_some_and(|value| !(least..=f64::from(f32::MAX)).contains(&value)) {
+                return fail(format!("{key} of {}", value.unwrap_or_default()));
+            }
         }
         if !(frame_period_ms.is_finite() && frame_period_ms > 0.0) {
             return fail(format!("a frame period of {frame_period_ms} ms"));
@@ -60,7 +75,8 @@ impl Recording {
         if info.schedule_start.unsigned_abs() > 1 << 40 {
             return fail(format!("a schedule start of {}", info.schedule_start));
         }
-        Ok(Self { info, pattern, response, height, width })
+        let defects = info.defects(&pattern, [height, width])?;
+        Ok(Self { info, pattern, response, height, width, defects })
     }
 
     /// Tables for the kernels.
@@ -90,8 +106,9 @@ impl CaptureFile {
         let array = if path.is_dir() { path.join(ARRAY) } else { path.to_owned() };
         let counts = CountsReader::open(&array)?;
         let [frames, height, width] = counts.extents();
+        check_size(width, height).at(&array)?;
         let json = array.with_extension("json");
-        let mut keys = match std::fs::read_to_string(&json) {
+        let mut keys = match super::read_text(&json) {
             Ok(text) => serde_json::from_str::<Map<String, Value>>(&text)
                 .map_err(|e| SensorError::Capture(e.to_string()))
                 .at(&json)?,
@@ -112,21 +129,22 @@ impl CaptureFile {
         let info: CaptureInfo = serde_json::from_value(Value::Object(keys))
             .map_err(|e| SensorError::Capture(e.to_string()))
             .at(&json)?;
-        let recording = Recording::new(info, [height, width], array.parent()).at(&array)?;
+        let described = if json.exists() { &json } else { &array };
+        let recording = Recording::new(info, [height, width], array.parent()).at(described)?;
         Ok(Self { recording, frames, array, counts })
     }
 
     /// The frames `which` as a capture of their own, to look at: its timing is only true of neighbouring frames.
     pub fn excerpt(&mut self, which: &[usize]) -> Result<Capture> {
-        let Recording { info, pattern, response, height, width } = self.recording.clone();
+        let Recording { info, pattern, response, height, width, .. } = self.recording.clone();
         let frames = which.iter().map(|&t| self.counts.frame(t)).collect::<Result<Vec<_>>>()?;
         let counts = frames.into_iter().reduce(Counts::followed_by).unwrap_or(Counts::U8(Vec::new()));
         Ok(Capture { info, pattern, response, frames: which.len(), height, width, counts })
     }
 
-    /// Pixel values y in [0, 1] of the exposures that cover frame `t`.
+    /// Pixel values y in [0, 1] of the exposures that cover frame `t`, to look at: what is missing throughout is dark.
     pub fn pixel_values(&mut self, t: usize) -> Result<Vec<f32>> {
-        let Recording { info, pattern, height, width, .. } = &self.recording;
+        let Recording { info, pattern, height, width, defects, .. } = &self.recording;
         let shown = match info.timing {
             Timing::Covering => vec![t; pattern.cells.len()],
             Timing::Hold => shown_in(pattern, info.schedule_start, t, self.frames - 1),
@@ -137,10 +155,7 @@ impl CaptureFile {
             if shown[..i].contains(&which) {
                 continue;
             }
-            match self.counts.frame(which)? {
-                Counts::U8(counts) => info.pixel_values(&counts, &mut frame),
-                Counts::U16(counts) => info.pixel_values(&counts, &mut frame),
-            }
+            info.pixel_values(&self.counts.frame(which)?, defects.as_ref(), &mut frame, None);
             for (i, value) in values.iter_mut().enumerate() {
                 if shown[place(pattern, i, *width)] == which {
                     *value = frame[i];
@@ -152,7 +167,7 @@ impl CaptureFile {
 
     /// All frames, as the exposures that cover them.
     pub fn into_frames(self) -> Box<dyn FrameSource> {
-        let file = FileFrames { file: self, next: 0 };
+        let file = FileFrames { file: self, next: 0, before: Vec::new() };
         match file.file.recording.info.timing {
             Timing::Covering => Box::new(file),
             Timing::Hold => Box::new(HeldFrames::new(file)),
@@ -164,6 +179,18 @@ impl CaptureFile {
 struct FileFrames {
     file: CaptureFile,
     next: usize,
+    /// Values of the frame before, where there are defects to fill.
+    before: Vec<f32>,
+}
+
+/// Values of a frame, of which the frame before is remembered if there are defects.
+fn filled(recording: &Recording, counts: &Counts, values: &mut [f32], before: &mut Vec<f32>) {
+    let Recording { info, defects, .. } = recording;
+    let last = Some(&before[..]).filter(|before| !before.is_empty());
+    info.pixel_values(counts, defects.as_ref(), values, last);
+    if defects.is_some() {
+        values.clone_into(before);
+    }
 }
 
 impl FrameSource for FileFrames {
@@ -175,11 +202,8 @@ impl FrameSource for FileFrames {
         if self.next == self.file.frames {
             return Ok(false);
         }
-        let info = &self.file.recording.info;
-        match self.file.counts.frame(self.next)? {
-            Counts::U8(counts) => info.pixel_values(&counts, values),
-            Counts::U16(counts) => info.pixel_values(&counts, values),
-        }
+        let counts = self.file.counts.frame(self.next)?;
+        filled(&self.file.recording, &counts, values, &mut self.before);
         self.next += 1;
         Ok(true)
     }
@@ -188,7 +212,9 @@ impl FrameSource for FileFrames {
 impl Capture {
     /// What is known of it besides its frames.
     pub fn recording(&self) -> Recording {
+        let extent = [self.height, self.width];
         Recording {
+            defects: self.info.defects(&self.pattern, extent).expect("they were checked when it was made"),
             info: self.info.clone(),
             pattern: self.pattern.clone(),
             response: self.response.clone(),
@@ -199,7 +225,7 @@ impl Capture {
 
     /// Its frames, as the exposures that cover them.
     pub fn frames(&self) -> Box<dyn FrameSource + '_> {
-        let frames = MemoryFrames { recording: self.recording(), capture: self, next: 0 };
+        let frames = MemoryFrames { recording: self.recording(), capture: self, next: 0, before: Vec::new() };
         match self.info.timing {
             Timing::Covering => Box::new(frames),
             Timing::Hold => Box::new(HeldFrames::new(frames)),
@@ -212,6 +238,7 @@ struct MemoryFrames<'a> {
     recording: Recording,
     capture: &'a Capture,
     next: usize,
+    before: Vec<f32>,
 }
 
 impl FrameSource for MemoryFrames<'_> {
@@ -223,7 +250,9 @@ impl FrameSource for MemoryFrames<'_> {
         if self.next == self.capture.frames {
             return Ok(false);
         }
-        self.capture.pixel_values(self.next, values);
+        let len = values.len();
+        let counts = self.capture.counts.range(self.next * len..(self.next + 1) * len);
+        filled(&self.recording, &counts, values, &mut self.before);
         self.next += 1;
         Ok(true)
     }

@@ -55,7 +55,7 @@ impl Response {
     /// A first row of words is a heading. The first row is x = 0, the last one saturation.
     pub fn read_form(path: impl AsRef<Path>) -> Result<Form> {
         let path = path.as_ref();
-        Self::parse_form(&std::fs::read_to_string(path).at(path)?).at(path)
+        Self::parse_form(&super::read_text(path).at(path)?).at(path)
     }
 
     /// As [`Response::read_form`], from text.
@@ -91,6 +91,9 @@ impl Response {
         }
         if rows.len() < 2 || y1 <= y0 {
             return Err(SensorError::Response("the table needs two rows with different pixel values".into()));
+        }
+        if !((x1 - x0).is_finite() && (y1 - y0).is_finite()) {
+            return Err(SensorError::Response("the table's range is too wide".into()));
         }
         let unit = |&(_, x, y): &(usize, f64, f64)| ((x - x0) / (x1 - x0), (y - y0) / (y1 - y0));
         Ok(Form::Table(rows.iter().map(unit).collect()))

@@ -144,6 +144,8 @@ impl Sampler {
             full_well_e: self.noise.full_well_e.is_finite().then_some(self.noise.full_well_e),
             read_noise_e: self.noise.full_well_e.is_finite().then_some(self.noise.read_noise_e),
             anchor: None,
+            dead_pixels: Vec::new(),
+            missing_count: None,
         };
         Capture::new(info, [video.frames, video.height, width], Counts::U16(counts), None)
     }

@@ -99,6 +99,11 @@ impl Pool {
         Ok(())
     }
 
+    /// Forgets all executors, which may be in any state.
+    pub fn clear(&mut self) {
+        self.entries.clear();
+    }
+
     /// Forgets all windows that were not collected, with their executors.
     pub fn reset(&mut self) {
         self.entries.retain(|_, entry| entry.waiting == 0);

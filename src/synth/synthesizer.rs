@@ -1,5 +1,6 @@
 //! Runs a model over a recording.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -219,7 +220,11 @@ impl Synthesizer {
             scope.spawn(move || read(source, &padding, &send_frame));
             let (deliver, finished) = sync_channel::<ResultFrame>(waiting);
             let writer = scope.spawn(move || -> Result<()> { finished.iter().try_for_each(&mut sink) });
-            let outcome = self.compute(&recording, from, arriving, deliver);
+            let compute = || self.compute(&recording, from, arriving, deliver);
+            let outcome = catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|_| {
+                self.pool.clear();
+                Err(Error::Usage("the thread that computes frames panicked".into()))
+            });
             // What went wrong while writing is why nothing could be delivered any more.
             let written =
                 writer.join().map_err(|_| Error::Usage("the thread that writes frames panicked".into()))?;
@@ -341,7 +346,10 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
 fn read(source: &mut dyn FrameSource, padding: &Padding<'_>, frames: &SyncSender<Result<Vec<f32>>>) {
     loop {
         let mut values = vec![0.0; padding.extent[0] * padding.extent[1]];
-        let frame = match source.next(&mut values) {
+        // Without a word, the end of this thread would pass for the end of the recording.
+        let next = catch_unwind(AssertUnwindSafe(|| source.next(&mut values)))
+            .unwrap_or_else(|_| Err(Error::Usage("the thread that reads frames panicked".into())));
+        let frame = match next {
             Ok(true) => Ok(padding.pad(values)),
             Ok(false) => return,
             Err(error) => Err(error),

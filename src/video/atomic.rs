@@ -4,6 +4,7 @@
 //! What stood there before stays until then. A result that a killed process leaves behind is never half a file;
 //! a loss of power is not guarded against.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -11,6 +12,11 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use crate::{At, Error, Result};
+
+/// How names of what is not complete begin.
+const PREFIX: &str = ".pix2hdr-";
+/// How names of files that are not complete end.
+const SUFFIX: &str = ".part";
 
 /// A file under a hidden name. Dropped unfinished, it is removed.
 #[derive(Debug)]
@@ -25,7 +31,7 @@ impl AtomicFile {
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let folder = make_parent(path)?;
-        let file = hidden_file().suffix(".part").tempfile_in(folder).at(path)?;
+        let file = hidden_file().suffix(SUFFIX).tempfile_in(folder).at(path)?;
         Ok(Self { content: BufWriter::with_capacity(1 << 20, file), path: path.to_owned() })
     }
 
@@ -66,6 +72,12 @@ pub(super) fn make_parent(path: &Path) -> Result<PathBuf> {
     Ok(parent.to_owned())
 }
 
+/// Whether a file's name is one that it had before it was complete.
+pub(super) fn is_unfinished(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    name.starts_with(PREFIX.as_bytes()) && name.ends_with(SUFFIX.as_bytes())
+}
+
 /// Builder of files under names for what is not complete yet.
 fn hidden_file() -> tempfile::Builder<'static, 'static> {
     hidden(0o666)
@@ -80,7 +92,7 @@ pub(super) fn hidden_folder() -> tempfile::Builder<'static, 'static> {
 /// everyone else.
 fn hidden(mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".pix2hdr-");
+    builder.prefix(PREFIX);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode));
     #[cfg(not(unix))]

@@ -1,7 +1,7 @@
 //! OpenEXR pictures: one monochrome plane.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use exr::block::lines::LineRef;
@@ -10,6 +10,7 @@ use exr::error::Error as ExrError;
 use exr::image::write::WritableImage;
 use exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, Layer};
 use exr::math::Vec2;
+use exr::meta::BlockDescription;
 use exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, LineOrder, SampleType, Text};
 use exr::meta::header::{Header, LayerAttributes};
 use exr::prelude::f16;
@@ -42,9 +43,13 @@ pub(super) fn read_frame(path: impl AsRef<Path>, t: usize) -> Result<Video> {
     Ok(plane)
 }
 
-fn read_plane(content: impl Read + Seek) -> Result<Video> {
+fn read_plane(mut content: impl Read + Seek) -> Result<Video> {
+    let len = content.seek(SeekFrom::End(0))?;
+    content.rewind()?;
     let reader = exr::block::read(content, false).map_err(problem)?;
     let headers = reader.headers();
+    // The decoder makes room for a block of any part before it reads it.
+    headers.iter().try_for_each(|header| check_promise(header, len))?;
     let (part, channels) = headers
         .iter()
         .enumerate()
@@ -89,6 +94,28 @@ fn read_plane(content: impl Read + Seek) -> Result<Video> {
         return Err(VideoError::Format("is incomplete: blocks of pixels are missing".into()).into());
     }
     Ok(Video::new(1, height, width, plane)?)
+}
+
+/// Refuses a header that promises far more than `len` bytes can hold, whatever the compression.
+fn check_promise(header: &Header, len: u64) -> Result<(), VideoError> {
+    // The best that deflate can do, which no other compression of the format surpasses.
+    const MOST_COMPRESSION: u64 = 1032;
+    // Bytes that cost nothing: small pictures may have large tiles.
+    const FREE: u64 = 64 << 20;
+    let block = match header.blocks {
+        BlockDescription::ScanLines => Vec2(header.layer_size.x(), header.compression.scan_lines_per_block()),
+        BlockDescription::Tiles(tiles) => tiles.tile_size,
+    };
+    let bytes = |Vec2(width, height): Vec2<usize>| {
+        width.saturating_mul(height).saturating_mul(header.channels.bytes_per_pixel) as u64
+    };
+    if bytes(header.layer_size).max(bytes(block)) > len.saturating_mul(MOST_COMPRESSION).max(FREE) {
+        let (Vec2(width, height), Vec2(columns, rows)) = (header.layer_size, block);
+        return Err(VideoError::Format(format!(
+            "its header promises {width}×{height} pixels in blocks of {columns}×{rows}, which {len} bytes cannot hold"
+        )));
+    }
+    Ok(())
 }
 
 /// Which channels make the plane, by index.

@@ -208,6 +208,7 @@ impl FolderWriter {
     ) -> Result<Self> {
         let there = |_: &Path| {
             fs::create_dir_all(partial).at(partial)?;
+            remove_unfinished(partial)?;
             check_replaceable(partial, true)?;
             let pushed = (0..extents[0]).take_while(|&t| partial.join(frame_name(t)).is_file()).count();
             Ok((Working::Partial(partial.to_owned()), pushed))
@@ -245,9 +246,18 @@ impl FolderWriter {
         Ok(exr::read(self.folder.path().join(frame_name(t)))?.data)
     }
 
-    /// Waits for all pictures, and leaves what there is.
-    pub fn suspend(mut self) -> Result<()> {
-        self.pool.join()
+    /// Waits for all pictures, and leaves what there is: those before the first one that could not be written. Returns
+    /// their number.
+    pub fn suspend(mut self) -> Result<usize> {
+        if let Err(error) = self.pool.join() {
+            tracing::warn!("{error}");
+        }
+        let path = |t: usize| self.folder.path().join(frame_name(t));
+        let whole = (0..self.pushed).take_while(|&t| path(t).is_file()).count();
+        for later in (whole..self.pushed).map(path).filter(|later| later.is_file()) {
+            fs::remove_file(&later).at(&later)?;
+        }
+        Ok(whole)
     }
 
     /// Appends one frame [y, x]. A failure to write an earlier frame may be reported here.
@@ -262,6 +272,11 @@ impl FolderWriter {
     pub fn finish(mut self) -> Result<()> {
         check_complete(self.pushed, self.extents[0]).at(&self.destination)?;
         self.pool.join()?;
+        // Anyone may have removed some meanwhile.
+        if let Some(t) = (0..self.pushed).find(|&t| !self.folder.path().join(frame_name(t)).is_file()) {
+            let problem = format!("frame {t} is gone; was the folder removed while it was written?");
+            return Err(VideoError::Format(problem)).at(self.folder.path());
+        }
         replace(self.folder, &self.destination, self.overwrite)
     }
 }
@@ -294,8 +309,25 @@ fn check_replaceable(destination: &Path, overwrite: bool) -> Result<Vec<PathBuf>
     Ok(files)
 }
 
+/// Removes what a killed process was writing into a folder that nobody else writes.
+fn remove_unfinished(folder: &Path) -> Result<()> {
+    for entry in fs::read_dir(folder).at(folder)? {
+        let entry = entry.at(folder)?;
+        if atomic::is_unfinished(&entry.file_name()) && entry.file_type().at(entry.path())?.is_file() {
+            fs::remove_file(entry.path()).at(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes a folder in which pictures were collected.
+pub(super) fn remove_partial(folder: &Path) -> Result<()> {
+    remove_unfinished(folder)?;
+    remove(folder)
+}
+
 /// Removes a folder that holds nothing but pictures with our names.
-pub(super) fn remove(folder: &Path) -> Result<()> {
+fn remove(folder: &Path) -> Result<()> {
     check_replaceable(folder, true)?.iter().try_for_each(|file| fs::remove_file(file).at(file))?;
     fs::remove_dir(folder).at(folder)
 }
@@ -355,7 +387,10 @@ impl Pool {
             let (folder, waiting, failure) = (folder.to_owned(), waiting.clone(), pool.failure.clone());
             let work = move || {
                 while let Some((t, plane)) = next(&waiting) {
-                    if let Err(error) = exr::write(folder.join(frame_name(t)), &plane, width, how) {
+                    // A folder that was removed is not made anew: the frames in it are lost.
+                    let there = fs::metadata(&folder).map(drop).at(&folder);
+                    let path = folder.join(frame_name(t));
+                    if let Err(error) = there.and_then(|()| exr::write(path, &plane, width, how)) {
                         failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
                     }
                 }

@@ -92,7 +92,7 @@ fn reserve<T>(len: usize) -> Result<Vec<T>> {
 }
 
 /// Refuses a picture of no or too many pixels.
-fn check_size(width: usize, height: usize) -> Result<(), VideoError> {
+pub(crate) fn check_size(width: usize, height: usize) -> Result<(), VideoError> {
     match width.checked_mul(height) {
         Some(1..=MAX_PIXELS) => Ok(()),
         _ => Err(VideoError::Shape(format!(

@@ -330,13 +330,23 @@ impl NpyWriter {
         }
     }
 
-    /// Leaves what there is as a file of its own: its header counts the frames that were written.
-    pub fn suspend(self) -> Result<()> {
+    /// Leaves what there is as a file of its own: its header counts the frames that were written. Returns their number,
+    /// which is smaller than that of the frames pushed where the disk is full.
+    pub fn suspend(self) -> Result<usize> {
         let [frames, y, x] = self.extents;
-        let Working::Partial(mut file, partial) = self.file else { return Ok(()) };
-        let whole = header(kind_of(self.half), &[frames, y, x]);
+        let Working::Partial(mut file, partial) = self.file else { return Ok(0) };
+        let kind = kind_of(self.half);
+        let whole = header(kind, &[frames, y, x]);
+        // What cannot be written any more is dropped.
+        if let Err(error) = file.flush() {
+            tracing::warn!("{}: {error}", partial.display());
+        }
+        let (mut file, _) = file.into_parts();
+        let frame = (y * x * kind.bytes()) as u64;
+        let len = file.metadata().at(&partial)?.len().saturating_sub(whole.len() as u64);
+        let written = (len / frame).min(self.pushed as u64);
         // As long as the header of the whole, so that frames stay where they are.
-        let mut part = header(kind_of(self.half), &[self.pushed, y, x]);
+        let mut part = header(kind, &[written as usize, y, x]);
         if let Some(missing) = whole.len().checked_sub(part.len()) {
             part.pop();
             part.extend(vec![b' '; missing]);
@@ -344,11 +354,12 @@ impl NpyWriter {
             part[8..10].copy_from_slice(&whole[8..10]);
         }
         let mut write = || -> std::io::Result<()> {
+            file.set_len(whole.len() as u64 + written * frame)?;
             file.seek(SeekFrom::Start(0))?;
-            file.write_all(&part)?;
-            file.flush()
+            file.write_all(&part)
         };
-        write().at(&partial)
+        write().at(&partial)?;
+        Ok(written as usize)
     }
 }
 

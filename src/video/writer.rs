@@ -118,7 +118,7 @@ impl VideoWriter {
     pub fn discard_partial(path: &Path) -> Result<()> {
         let partial = Self::partial(path);
         if partial.is_dir() {
-            folder::remove(&partial)
+            folder::remove_partial(&partial)
         } else if partial.exists() {
             std::fs::remove_file(&partial).at(&partial)
         } else {
@@ -127,11 +127,12 @@ impl VideoWriter {
     }
 
     /// Leaves what there is as a shorter video, which [`VideoWriter::go_on`] takes up.
-    pub fn suspend(self) -> Result<()> {
+    /// Returns the number of its frames: all that were pushed, unless the disk is full.
+    pub fn suspend(self) -> Result<usize> {
         match self.0 {
             Kind::Npy(writer) => writer.suspend(),
             Kind::Folder(writer) => writer.suspend(),
-            Kind::Picture { .. } => Ok(()),
+            Kind::Picture { .. } => Ok(0),
         }
     }
 

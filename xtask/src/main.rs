@@ -1,21 +1,29 @@
-//! Project chores: `cargo xtask test` and `cargo xtask test-training`.
+//! Project chores: `cargo xtask test`, `test-training`, `mutants` and `fuzz`.
+
+mod mutants;
 
 use std::env;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// A chore's failure, as a line for the user.
 type Result<T> = std::result::Result<T, String>;
 
-const USAGE: &str = "usage: cargo xtask test            formatting, lints and all Rust tests, on software Vulkan if \
-                     need be\n       cargo xtask test-training   the tests of training/, with real PyTorch";
+const USAGE: &str = "usage: cargo xtask CHORE
+       test             formatting, lints and all Rust tests, on software Vulkan if need be
+       test-training    the tests of training/, with real PyTorch
+       mutants [WORDS]  deliberate faults, each of which a test has to catch; those with WORDS in their name
+       fuzz [MINUTES]   broken files for every reader, 5 minutes if nothing else is said";
 
 fn main() -> ExitCode {
     let chore = env::args().nth(1);
     let outcome = match chore.as_deref() {
         Some("test") => test(),
         Some("test-training") => test_training(),
+        Some("mutants") => root().and_then(|root| mutants::mutants(&root, env::args().nth(2).as_deref())),
+        Some("fuzz") => fuzz(env::args().nth(2)),
         _ => Err(USAGE.into()),
     };
     match outcome {
@@ -63,6 +71,48 @@ fn test() -> Result<()> {
         (true, _, 1..) => Err(format!("{ignored} tests were skipped; every test has to run")),
         _ => Ok(()),
     }
+}
+
+/// Most kibibytes of address space of a fuzzing run: what takes more is a finding.
+const FUZZ_MEMORY: usize = 6 << 20;
+
+/// Feeds broken files to every reader. What does harm is kept in `target/fuzz/findings`.
+fn fuzz(minutes: Option<String>) -> Result<()> {
+    let minutes = minutes.map_or(Ok(5.0), |text| text.parse::<f64>().map_err(|_| USAGE.to_owned()))?;
+    let root = root()?;
+    let target = target(&root);
+    run(cargo()
+        .args(["build", "--release", "--manifest-path", "fuzz/Cargo.toml", "--target-dir"])
+        .arg(&target)
+        .current_dir(&root))?;
+    let driver = target.join("release").join(format!("pix2hdr-fuzz{}", env::consts::EXE_SUFFIX));
+    let findings = target.join("fuzz/findings");
+    let end = Instant::now() + Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6));
+    let mut sound = true;
+    // Another seed each time, from the clock: a run that a finding ended is followed by another one.
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).map_err(|e| e.to_string())?;
+    for seed in since.as_secs().. {
+        let left = end.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            break;
+        }
+        let minutes = (left.as_secs_f64() / 60.0).min(5.0);
+        // A file in memory is read faster than one on a disk.
+        let memory = Path::new("/dev/shm");
+        let mut command = if cfg!(unix) {
+            let mut shell = Command::new("sh");
+            shell.args(["-c", &format!("ulimit -v {FUZZ_MEMORY}; exec \"$0\" \"$@\"")]).arg(&driver);
+            shell
+        } else {
+            Command::new(&driver)
+        };
+        command.args([minutes.to_string(), seed.to_string()]).arg(&findings);
+        if memory.is_dir() {
+            command.env("TMPDIR", memory);
+        }
+        sound &= run(&mut command).is_ok();
+    }
+    if sound { Ok(()) } else { Err(format!("what does harm is in {}", findings.display())) }
 }
 
 /// The tests of `training/` in a virtual environment under `target/`.

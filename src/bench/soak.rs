@@ -1,0 +1,99 @@
+//! Very long recordings.
+
+use serde::Serialize;
+
+use super::machine;
+use crate::network::Model;
+use crate::sensor::{Form, FrameSource, Noise, Pattern, Recording, Sampler};
+use crate::synth::Options;
+use crate::synth::{Backend, Skip, Synthesizer};
+use crate::video::Video;
+use crate::{Error, Result};
+
+/// What came out of a long recording of a constant scene.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Soak {
+    /// Frames.
+    pub frames: usize,
+    /// `off`, `exact` or `bounded`.
+    pub skip: &'static str,
+    /// Frames, away from both ends, that are not to the bit the one a period before.
+    pub differing: usize,
+    /// Resident memory of the process after a tenth of the frames, in bytes.
+    pub early_memory_bytes: Option<u64>,
+    /// The largest from there to the end.
+    pub late_memory_bytes: Option<u64>,
+    /// Seconds.
+    pub seconds: f64,
+}
+
+/// A constant scene, as long as one likes: the frames of one period again and again.
+struct Endless {
+    recording: Recording,
+    period: Video,
+    frames: usize,
+    next: usize,
+}
+
+impl FrameSource for Endless {
+    fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
+        if self.next == self.frames {
+            return Ok(false);
+        }
+        values.copy_from_slice(self.period.frame(self.next % self.period.frames));
+        self.next += 1;
+        Ok(true)
+    }
+}
+
+/// Streams `frames` frames of a constant scene of 16×16 pixels through `model`.
+pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, skip: Skip) -> Result<Soak> {
+    const SIDE: usize = 16;
+    let len = pattern.period();
+    let mut sampler = Sampler::new(pattern, Form::Linear)?;
+    sampler.noise = Noise::NONE;
+    let frame: Vec<f32> =
+        (0..SIDE * SIDE).map(|i| 0.02 + 0.9 * ((i * 37 % 101) as f32 / 100.0).powi(3)).collect();
+    let capture = sampler.sample(&Video::new(len, SIDE, SIDE, frame.repeat(len))?)?;
+    let recording = capture.recording();
+    let mut source = Endless { recording, period: capture.measurement(), frames, next: 0 };
+    let options = Options { skip, ..Options::default() };
+    let mut synthesizer = Synthesizer::with(model, capture.calibration(), [SIDE, SIDE], backend, options)?;
+    // What stands in for frames beyond the ends is the scene at the same phase, so even there nothing differs; but it
+    // may be computed in windows of other lengths.
+    let inside = model.graph.window.frames..frames.saturating_sub(model.graph.window.frames);
+    let mut before: Vec<Vec<f32>> = vec![Vec::new(); len];
+    let (mut differing, mut early, mut early_is_known) = (0, None, false);
+    let report = synthesizer.stream(&mut source, 0, |frame| {
+        let last = &mut before[frame.number % len];
+        if let Some(at) = frame.values.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Usage(format!("frame {}: value {at} is not finite", frame.number)));
+        }
+        if inside.contains(&frame.number) && !last.is_empty() && *last != frame.values {
+            differing += 1;
+        }
+        *last = frame.values;
+        if !early_is_known && frame.number >= frames / 10 {
+            early_is_known = true;
+            if machine::reset_peak_memory() {
+                early = machine::peak_memory();
+            }
+        }
+        Ok(())
+    })?;
+    if report.frames != frames {
+        return Err(Error::Usage(format!("{} of {frames} frames came", report.frames)));
+    }
+    Ok(Soak {
+        frames,
+        skip: skip.name(),
+        differing,
+        early_memory_bytes: early,
+        late_memory_bytes: early.and_then(|_| machine::peak_memory()),
+        seconds: report.wall.as_secs_f64(),
+    })
+}

@@ -1,0 +1,208 @@
+//! `pix2hdr bench --stability`: how exact, how sensitive, and for how long.
+
+use std::path::Path;
+
+use pix2hdr::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
+use pix2hdr::bench::{Sensitivity, Soak, sensitivity, soak};
+use pix2hdr::network::Model;
+use pix2hdr::scene::procedural;
+use pix2hdr::sensor::{Form, Pattern};
+use pix2hdr::synth::{Backend, Skip};
+use pix2hdr::video::atomic;
+use pix2hdr::{Error, Result};
+use serde_json::json;
+
+use super::options::show;
+use super::scene::Size;
+use super::table::{Table, figure};
+use super::terminal;
+
+/// Rows and columns of the nets under stress, rounded up to what a net needs.
+const EXTENT: usize = 16;
+/// Scenes for sensitivity.
+const SCENE: &str = "fan";
+
+/// What is put under stress.
+pub struct Stability<'a> {
+    /// Nets, whole.
+    pub nets: &'a [&'a Model],
+    /// The net for sensitivity and long recordings, which need a result that means something.
+    pub trained: Option<&'a Model>,
+    /// Where, and at which precision.
+    pub backends: &'a [Backend],
+    /// Fewer frames, and the default camera alone.
+    pub quick: bool,
+    /// Seed of the scene.
+    pub seed: u64,
+}
+
+impl Stability<'_> {
+    /// Runs everything, writes `path`, and prints what came out.
+    pub fn run(&self, path: &Path, markdown: bool, json: bool) -> Result<()> {
+        let outcomes = self.outcomes()?;
+        let (mut sensitivities, mut soaks) = (Vec::new(), Vec::new());
+        // What is wrong with a capture does not depend on where it is computed.
+        if let (Some(net), Some(backend)) = (self.trained, self.backends.first()) {
+            let name = if net.graph.pattern == "any" { "mpve-1-4" } else { &net.graph.pattern };
+            let pattern = Pattern::built_in(name)?;
+            let scene = procedural::by_name(SCENE, 64, 64, self.seed)
+                .ok_or_else(|| Error::Usage(format!("no scene '{SCENE}'")))?;
+            let size = Size { frames: 64, height: 64, width: 64, samples: 8 };
+            let (truth, _) = size.render(&*scene, self.seed)?;
+            sensitivities = sensitivity(net, &pattern, &truth, backend)?;
+            let frames = if self.quick { 4000 } else { 100_000 };
+            for skip in [Skip::Off, Skip::Exact, Skip::Bounded(Skip::ALLOWED_ERROR)] {
+                soaks.push(soak(net, pattern.clone(), backend, frames, skip)?);
+            }
+        }
+        let report = json!({
+            "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
+        });
+        let text = serde_json::to_vec_pretty(&report).map_err(|e| Error::Usage(e.to_string()))?;
+        atomic::write_bytes(path, &text)?;
+        terminal::result(json, &report, || {
+            let tables = [
+                kernel_table(&outcomes),
+                net_table(&outcomes),
+                sensitivity_table(&sensitivities),
+                soak_table(&soaks),
+            ];
+            let tables = tables.map(|table| table.text(markdown)).join("\n\n");
+            format!("{tables}\n\nwritten: {}", show(path))
+        })?;
+        // A figure above 1 is a failure of this program, whoever asks.
+        match outcomes.iter().find(|outcome| outcome.fraction() > 1.0) {
+            Some(outcome) => Err(Error::Usage(format!("{}: a step leaves its bound", outcome.what()))),
+            None => Ok(()),
+        }
+    }
+
+    /// All kernels with all weights and cameras, and the nets as they are.
+    fn outcomes(&self) -> Result<Vec<Outcome>> {
+        let every_kernel = stability::every_kernel()?;
+        let default = Camera::new("mpve-1-4", "linear", Form::Linear)?;
+        let cameras = if self.quick { Vec::new() } else { Camera::all()? };
+        let mut trials = Vec::new();
+        for weights in Weights::ALL {
+            trials.push((
+                Trial { model: &every_kernel, weights, camera: &default, extent: [6, 10] },
+                &Input::ALL[..],
+            ));
+        }
+        for camera in &cameras {
+            let trial = Trial { model: &every_kernel, weights: Weights::Plain, camera, extent: [6, 10] };
+            trials.push((trial, &Input::ALL));
+        }
+        for model in self.nets {
+            let [_, y, x] = model.graph.granularity()?;
+            let extent = [EXTENT.next_multiple_of(y), EXTENT.next_multiple_of(x)];
+            trials.push((Trial { model, weights: Weights::Plain, camera: &default, extent }, &Input::ALL));
+        }
+        let bar = terminal::progress(trials.len() * self.backends.len(), "under stress");
+        let mut outcomes = Vec::new();
+        for backend in self.backends {
+            for (trial, inputs) in &trials {
+                outcomes.extend(trial.run(backend, inputs)?);
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        Ok(outcomes)
+    }
+}
+
+/// Where and how something ran.
+fn place(outcome: &Outcome) -> String {
+    format!("{} {}", outcome.executor, outcome.precision)
+}
+
+/// What occurs among the outcomes, in order.
+fn distinct<'a>(outcomes: &'a [Outcome], of: impl Fn(&'a Outcome) -> Vec<String>) -> Vec<String> {
+    let mut all: Vec<String> = Vec::new();
+    for name in outcomes.iter().flat_map(of) {
+        if !all.contains(&name) {
+            all.push(name);
+        }
+    }
+    all
+}
+
+/// The largest error of each kernel as a fraction of its bound, and where that was.
+fn kernel_table(outcomes: &[Outcome]) -> Table {
+    let places = distinct(outcomes, |outcome| vec![place(outcome)]);
+    let kernels =
+        distinct(outcomes, |outcome| outcome.steps.iter().map(|step| step.kernel.to_owned()).collect());
+    let headings: Vec<&str> = places.iter().map(String::as_str).collect();
+    let mut table = Table::new(&[&["error/bound"], &headings[..], &["largest with"]].concat());
+    for kernel in kernels {
+        let largest = |wanted: Option<&String>| {
+            let here = outcomes.iter().filter(|outcome| wanted.is_none_or(|name| place(outcome) == *name));
+            let steps = here.flat_map(|outcome| outcome.steps.iter().map(move |step| (outcome, step)));
+            steps
+                .filter(|(_, step)| step.kernel == kernel)
+                .max_by(|(_, a), (_, b)| a.fraction.total_cmp(&b.fraction))
+        };
+        let mut row = vec![kernel.clone()];
+        row.extend(places.iter().map(|p| figure(largest(Some(p)).map(|(_, step)| step.fraction), 3)));
+        row.push(largest(None).map_or_else(String::new, |(outcome, _)| {
+            format!("{}: {:?}, {:?}, {}", outcome.net, outcome.weights, outcome.input, outcome.camera)
+        }));
+        table.row(row);
+    }
+    table
+}
+
+/// Each net with its least PSNR and its largest activation.
+fn net_table(outcomes: &[Outcome]) -> Table {
+    let mut table =
+        Table::new(&["net", "executor", "least PSNR to the oracle, dB", "with", "largest value", "refused"]);
+    let plain = |outcome: &Outcome| outcome.weights == Weights::Plain && outcome.camera == "mpve-1-4 linear";
+    let outcomes: Vec<Outcome> = outcomes.iter().filter(|outcome| plain(outcome)).cloned().collect();
+    for net in distinct(&outcomes, |outcome| vec![outcome.net.clone()]) {
+        for wanted in distinct(&outcomes, |outcome| vec![place(outcome)]) {
+            let of: Vec<_> =
+                outcomes.iter().filter(|outcome| outcome.net == net && place(outcome) == wanted).collect();
+            let worst = of.iter().filter(|outcome| outcome.psnr_db.is_some());
+            let worst =
+                worst.min_by(|a, b| a.psnr_db.unwrap_or_default().total_cmp(&b.psnr_db.unwrap_or_default()));
+            let steps = of.iter().flat_map(|outcome| &outcome.steps);
+            let loudest = steps.max_by(|a, b| a.magnitude.total_cmp(&b.magnitude));
+            table.row(vec![
+                net.clone(),
+                wanted,
+                figure(worst.and_then(|outcome| outcome.psnr_db), 1),
+                worst.map_or_else(String::new, |outcome| format!("{:?}", outcome.input)),
+                loudest.map_or_else(String::new, |step| format!("{:.1} in {}", step.magnitude, step.step)),
+                of.iter().filter(|outcome| outcome.refused.is_some()).count().to_string(),
+            ]);
+        }
+    }
+    table
+}
+
+fn sensitivity_table(rows: &[Sensitivity]) -> Table {
+    let mut table = Table::new(&["what is wrong", "PSNR-µ, dB", "without, dB", "change, dB"]);
+    for row in rows {
+        let [with, without] = [row.psnr_mu_db, row.undisturbed_db];
+        let change = format!("{:+.2}", with - without);
+        table.row(vec![row.disturbance.clone(), figure(Some(with), 2), figure(Some(without), 2), change]);
+    }
+    table
+}
+
+fn soak_table(rows: &[Soak]) -> Table {
+    let mut table =
+        Table::new(&["skip", "frames", "that differ", "MiB after a tenth", "MiB at most later", "s"]);
+    let mib = |bytes: Option<u64>| figure(bytes.map(|bytes| bytes as f64 / f64::from(1 << 20)), 1);
+    for soak in rows {
+        table.row(vec![
+            soak.skip.to_owned(),
+            soak.frames.to_string(),
+            soak.differing.to_string(),
+            mib(soak.early_memory_bytes),
+            mib(soak.late_memory_bytes),
+            figure(Some(soak.seconds), 0),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,201 @@
+//! Deliberate faults in a copy of the repository, each of which a named test has to catch.
+//!
+//! Faults in shaders need no compiler: `broken_shaders_are_caught` in `tests/gpu_parity.rs` has those.
+
+use std::env;
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use super::{Result, cargo, run, target};
+
+/// A fault, and what has to catch it.
+struct Mutant {
+    /// The fault in words.
+    what: &'static str,
+    file: &'static str,
+    /// What stands in the file, once.
+    sound: &'static str,
+    faulty: &'static str,
+    /// Test binary (`lib` for unit tests) and test.
+    test: [&'static str; 2],
+}
+
+const MUTANTS: [Mutant; 12] = [
+    Mutant {
+        what: "padding is off by one",
+        file: "src/cpu/conv3d.rs",
+        sound: "origin: -(step.padding[i] as isize)",
+        faulty: "origin: 1 - (step.padding[i] as isize)",
+        test: ["cpu_convolution", "convolutions_are_their_definition"],
+    },
+    Mutant {
+        what: "rows and columns of kernels are swapped",
+        file: "src/cpu/conv3d.rs",
+        sound: "* ky + y) * kx + x]",
+        faulty: "* kx + x) * ky + y]",
+        test: ["cpu_convolution", "convolutions_are_their_definition"],
+    },
+    Mutant {
+        what: "a buffer is used again one step too soon",
+        file: "src/network/plan.rs",
+        sound: "busy_until[slot] = buffer.last;",
+        faulty: "busy_until[slot] = buffer.last.max(1) - 1;",
+        test: ["cpu_executor", "slots_and_concatenations_change_nothing"],
+    },
+    Mutant {
+        what: "tiles see half of what results depend on",
+        file: "src/synth/tiles.rs",
+        sound: "halo: [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])]",
+        faulty: "halo: [(ry / 2).next_multiple_of(unit[0]), (rx / 2).next_multiple_of(unit[1])]",
+        test: ["synthesis", "tiles_equal_the_whole"],
+    },
+    Mutant {
+        what: "windows begin one frame late",
+        file: "src/synth/windows.rs",
+        sound: "k * window.hop as i64 - window.lead as i64;",
+        faulty: "k * window.hop as i64 - window.lead as i64 + 1;",
+        test: ["synthesis", "hold_equals_covering"],
+    },
+    Mutant {
+        what: "held read-outs are taken at the wrong phase",
+        file: "src/sensor/recording.rs",
+        sound: "(cell.covering(schedule).end() - schedule)",
+        faulty: "(cell.covering(schedule + 1).end() - schedule)",
+        test: ["synthesis", "hold_equals_covering"],
+    },
+    Mutant {
+        what: "a stale tile is kept though its surroundings changed",
+        file: "src/synth/gate.rs",
+        sound: "changed_at_all(seen, self.cells, self.around(k, s), self.spread)",
+        faulty: "changed_at_all(seen, self.cells, self.around(k, s), [0, 0])",
+        test: ["skipping", "exact_skipping_changes_no_bit"],
+    },
+    Mutant {
+        what: "what f16 cannot hold is not reported",
+        file: "shaders/common/epilogue.wgsl",
+        sound: "if (LIMITED && largest > LIMIT)",
+        faulty: "if (LIMITED && largest > 1e38)",
+        test: ["gpu_executor", "overflow_of_f16_is_reported"],
+    },
+    Mutant {
+        what: "dead pixels are filled from dead ones",
+        file: "src/sensor/defects.rs",
+        sound: ".filter(|(pixel, _)| !is_none(*pixel))",
+        faulty: "",
+        test: ["lib", "sensor::defects::tests::dead_pixels_are_filled_from_pixels_of_the_same_shutter"],
+    },
+    Mutant {
+        what: "an array's declared size is not held against its file",
+        file: "src/video/npy.rs",
+        sound: "if declared.map(|n| n as u64) != Some(data_len) {",
+        faulty: "if declared.is_none() {",
+        test: ["lib", "video::npy::tests::wrong_headers_are_refused_with_the_cause"],
+    },
+    Mutant {
+        what: "a result with holes counts as complete",
+        file: "src/video/folder.rs",
+        sound: "(0..self.pushed).find(|&t| !self.folder",
+        faulty: "(0..0).find(|&t| !self.folder",
+        test: ["faults", "a_picture_is_removed"],
+    },
+    Mutant {
+        what: "two processes may write one result",
+        file: "src/cli/interrupt.rs",
+        sound: "match file.try_lock() {",
+        faulty: "match file.try_lock_shared() {",
+        test: ["faults", "two_processes_write_one_result"],
+    },
+];
+
+/// Makes each fault in a copy, or those of which `words` are a part, and runs the test that has to fail.
+pub fn mutants(root: &Path, words: Option<&str>) -> Result<()> {
+    let mutants: Vec<_> =
+        MUTANTS.iter().filter(|mutant| words.is_none_or(|words| mutant.what.contains(words))).collect();
+    if mutants.is_empty() {
+        return Err(format!("no fault is called '{}'", words.unwrap_or_default()));
+    }
+    let (copy, build) = (target(root).join("mutants/source"), target(root).join("mutants/target"));
+    copy_repository(root, &copy)?;
+    let test = |test: [&str; 2], quiet: bool| {
+        let mut command = cargo();
+        command.args(["test", "--release"]).current_dir(&copy).env("CARGO_TARGET_DIR", &build);
+        // Compiled again and again, and run once.
+        command.env("CARGO_INCREMENTAL", "1");
+        command.args(["--config", "profile.release.package.pix2hdr.opt-level=1"]);
+        match test[0] {
+            "lib" => command.arg("--lib"),
+            name => command.args(["--test", name]),
+        };
+        if quiet {
+            command.stdout(Stdio::null()).stderr(Stdio::null());
+        }
+        command
+    };
+    let runs = |mutant: &Mutant, quiet: bool| {
+        let mut command = test(mutant.test, quiet);
+        command.args([mutant.test[1], "--", "--exact"]);
+        command
+    };
+    // A test that is not there would pass, and one that fails anyway would catch everything.
+    for mutant in &mutants {
+        let output = runs(mutant, false).stderr(Stdio::inherit()).output().map_err(|e| e.to_string())?;
+        let text = String::from_utf8_lossy(&output.stdout);
+        if !output.status.success() || !text.contains("1 passed") {
+            return Err(format!("without a fault, {} does not pass:\n{text}", mutant.test.join(" ")));
+        }
+    }
+    let mut survivors = Vec::new();
+    for mutant in &mutants {
+        let path = copy.join(mutant.file);
+        let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        if text.matches(mutant.sound).count() != 1 {
+            return Err(format!("{} does not hold '{}' once", mutant.file, mutant.sound));
+        }
+        let write = |text: &str| fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()));
+        write(&text.replace(mutant.sound, mutant.faulty))?;
+        // It has to compile: the compiler is not what is being tested.
+        let compiled = run(test(mutant.test, false).arg("--no-run"));
+        let caught = compiled.and_then(|()| {
+            let status = runs(mutant, true).status().map_err(|e| e.to_string())?;
+            Ok(!status.success())
+        });
+        write(&text)?;
+        let caught = caught?;
+        println!(
+            "{}: {} by {}",
+            mutant.what,
+            if caught { "caught" } else { "MISSED" },
+            mutant.test.join(" ")
+        );
+        if !caught {
+            survivors.push(mutant.what);
+        }
+    }
+    println!("\n{} faults, {} missed", mutants.len(), survivors.len());
+    if survivors.is_empty() { Ok(()) } else { Err(format!("not caught: {}", survivors.join("; "))) }
+}
+
+/// Copies what git tracks, and changes only what differs, so that little is compiled again.
+fn copy_repository(root: &Path, copy: &Path) -> Result<()> {
+    let listed = Command::new(env::var_os("GIT").unwrap_or_else(|| "git".into()))
+        .args(["ls-files", "-z"])
+        .current_dir(root)
+        .output()
+        .map_err(|e| format!("git ls-files: {e}"))?;
+    if !listed.status.success() {
+        return Err("git ls-files failed; mutants need a git checkout".into());
+    }
+    let text = String::from_utf8_lossy(&listed.stdout);
+    for name in text.split('\0').filter(|name| !name.is_empty()) {
+        let (from, to) = (root.join(name), copy.join(name));
+        let content = fs::read(&from).map_err(|e| format!("{}: {e}", from.display()))?;
+        if fs::read(&to).is_ok_and(|there| there == content) {
+            continue;
+        }
+        let folder = to.parent().unwrap_or(copy);
+        fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        fs::write(&to, content).map_err(|e| format!("{}: {e}", to.display()))?;
+    }
+    Ok(())
+}
