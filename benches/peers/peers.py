@@ -30,7 +30,6 @@ from pix2hdr_training.pattern import exposure_table  # noqa: E402
 from pix2hdr_training.response import InverseResponse  # noqa: E402
 
 PATIENCE = 1.5  # seconds for each peer in a round
-OPSET = 20  # of ONNX
 WINDOWS = 4  # of the capture that pix2hdr synthesises in a round
 
 
@@ -86,10 +85,7 @@ def onnx_peer(window: Window, threads: int):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "net.onnx"
         names = ["measurement", "exposure"]
-        one = torch.tensor(1.0)
-        expm1 = lambda g, x: g.op("Sub", g.op("Exp", x), g.op("Constant", value_t=one))  # noqa: E731: ONNX has none
-        torch.onnx.register_custom_op_symbolic("aten::expm1", expm1, OPSET)
-        torch.onnx.export(Plain(window.net), tuple(window.inputs), str(path), dynamo=False, opset_version=OPSET, input_names=names)
+        torch.onnx.export(Plain(window.net), tuple(window.inputs), str(path), dynamo=True, input_names=names)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         provider = "CUDAExecutionProvider" if window.device == "cuda" else "CPUExecutionProvider"

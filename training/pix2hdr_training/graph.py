@@ -26,7 +26,7 @@ def box_estimate(y: Tensor, exposure: Tensor, inverse: InverseResponse) -> Tenso
     valid = (y < SATURATED).to(y.dtype)
     count = _binomial(valid)
     mean = _binomial(valid * irradiance) / count.clamp(min=1.0)
-    if bool((count == 0).any()):
+    if torch.compiler.is_exporting() or bool((count == 0).any()):  # an exported net can't branch on values
         mean = torch.where(count > 0, mean, _binomial(irradiance) / 16.0)
     return mean
 
