@@ -227,6 +227,12 @@ fn two_processes_write_one_result() {
     assert!(desk.run("result", &["--overwrite"]).status.success());
 }
 
+/// Whether there is something to resume: the note beside a result is empty until it is.
+fn begun_at(target: &Path) -> bool {
+    let note = format!("{}.json", video::VideoWriter::partial(target).display());
+    fs::metadata(note).is_ok_and(|note| note.len() > 0)
+}
+
 /// Whenever the program is ended, however rudely, its result is complete or can be completed.
 #[test]
 fn an_end_at_any_moment() {
@@ -255,14 +261,12 @@ fn an_end_at_any_moment() {
             }
             assert!(alive, "{signal}, round {round}: {}", text(&output));
             // Before anything was begun, there is nothing to resume.
-            let note = PathBuf::from(format!("{}.json", video::VideoWriter::partial(&target).display()));
-            if !note.exists() {
+            if !begun_at(&target) {
                 break;
             }
         }
         let target = if is_array(&out) { desk.path(&out) } else { desk.path(&out).join("hdr") };
-        let note = PathBuf::from(format!("{}.json", video::VideoWriter::partial(&target).display()));
-        if note.exists() && fs::metadata(&note).unwrap().len() > 0 {
+        if begun_at(&target) {
             desk.resumes(&out);
         } else if !target.exists() {
             let again = desk.run(&out, &[]);

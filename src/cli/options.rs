@@ -35,8 +35,8 @@ pub struct Engine {
     /// Longest side of a tile in pixels [default: as large as memory allows]
     #[arg(long, value_name = "PIXELS")]
     pub tile: Option<usize>,
-    /// Result frames of a window, for nets that give the same for any number [default: the net's own]; rounded up to
-    /// what the net and, with --skip, the pattern need
+    /// Result frames of a window, for nets that give the same for any number [default: the net's own, fewer where
+    /// memory is short]; rounded up to what the net and, with --skip, the pattern need
     #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u16).range(1..=512))]
     pub hop: Option<u16>,
 }

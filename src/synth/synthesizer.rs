@@ -14,7 +14,7 @@ use super::layout::Layout;
 use super::line::{Done, Line, ResultFrame, Submitted};
 use super::pool::{Pool, with_hop};
 use super::report::Report;
-use super::tiles::{Cut, Grid};
+use super::tiles::{Cut, Grid, Limits};
 use super::windows;
 use crate::math::lcm;
 use crate::network::{Graph, Model, NetworkError, Plan, Window};
@@ -123,9 +123,10 @@ impl Synthesizer {
     ) -> Result<Self> {
         model.graph.check_renders_video()?;
         let skip = options.skip;
-        let Lengths { hop, cell: cell_frames, step } = lengths(&model.graph, &calibration, options)?;
-        let model = &with_hop(model, hop);
-        let grid = Grid::fit(model, &calibration, extent, backend.limits(options.side))?;
+        let lengths = lengths(&model.graph, &calibration, options)?;
+        let (model, grid) = &fit(model, &calibration, extent, backend.limits(options.side), &lengths)?;
+        let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
+        let cell_frames = lengths.cell.min(hop);
         let exact = Cut::exact(&model.graph, &calibration)?;
         let side = |tile: usize| tile * CELL_SIDE.div_ceil(tile);
         let cells = Cells {
@@ -310,9 +311,11 @@ impl Synthesizer {
 
 /// How long windows and their parts are, in frames.
 struct Lengths {
-    /// Result frames of a window.
+    /// Result frames of a window, if memory allows.
     hop: usize,
-    /// Frames of a cell.
+    /// Least result frames of a window: `hop`, where that is fixed.
+    least: usize,
+    /// Frames of a cell, at most the window's.
     cell: usize,
     /// A window can be shorter by a multiple of this.
     step: usize,
@@ -331,15 +334,52 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
             let problem = format!("its windows give {hop} frames, and cannot give {wanted}");
             return Err(NetworkError::Graph(graph.name.clone(), problem).into());
         }
-        return Ok(Lengths { hop, cell: hop, step: hop });
+        return Ok(Lengths { hop, least: hop, cell: hop, step: hop });
     }
+    let least = |hop: usize, step: usize| if options.hop.is_some() { hop } else { step };
     if options.skip == Skip::Off {
         let hop = wanted.next_multiple_of(granularity).max(1);
-        return Ok(Lengths { hop, cell: hop, step: granularity });
+        return Ok(Lengths { hop, least: least(hop, granularity), cell: hop, step: granularity });
     }
     let repeat = lcm(granularity, calibration.period);
     let cell = repeat * CELL_FRAMES.div_ceil(repeat);
-    Ok(Lengths { hop: wanted.max(1).next_multiple_of(cell), cell, step: cell })
+    let hop = wanted.max(1).next_multiple_of(cell);
+    Ok(Lengths { hop, least: least(hop, cell), cell, step: cell })
+}
+
+/// The window and the tiles with the fewest operations for each result frame within `limits`. Short windows compute
+/// more frames that no result keeps, and small tiles more pixels; both save memory, and neither changes a result.
+fn fit(
+    model: &Model,
+    calibration: &Calibration,
+    extent: [usize; 2],
+    limits: Limits,
+    lengths: &Lengths,
+) -> Result<(Model, Grid)> {
+    let candidate = |hop: usize| -> Result<(f64, Model, Grid)> {
+        let model = with_hop(model, hop);
+        let grid = Grid::fit(&model, calibration, extent, limits)?;
+        let [height, width] = [&grid.rows, &grid.cols].map(|stretches| stretches[0].outer_len);
+        let flop = grid.tiles().count() as f64 * Plan::lower(&model, height, width)?.flop() / hop as f64;
+        Ok((flop, model, grid))
+    };
+    let shorter = |&hop: &usize| {
+        let half = (hop / 2).next_multiple_of(lengths.step).max(lengths.least);
+        (half < hop).then_some(half)
+    };
+    let mut best = candidate(lengths.hop);
+    for hop in std::iter::successors(Some(lengths.hop), shorter).skip(1) {
+        if best.as_ref().is_ok_and(|(_, _, grid)| grid.tiles().count() == 1) {
+            break;
+        }
+        best = match (best, candidate(hop)) {
+            (Ok(before), Ok(now)) => Ok(if now.0 < before.0 { now } else { before }),
+            (Ok(one), Err(_)) | (Err(_), Ok(one)) => Ok(one),
+            (Err(error), Err(_)) => Err(error),
+        };
+    }
+    let (_, model, grid) = best?;
+    Ok((model, grid))
 }
 
 /// Reads frames until there are no more, or nobody wants them.
@@ -371,5 +411,38 @@ struct Padding<'a> {
 impl Padding<'_> {
     fn pad(&self, values: Vec<f32>) -> Vec<f32> {
         windows::padded(values, self.calibration, self.extent, [self.grid.height, self.grid.width])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::presets;
+    use crate::sensor::{Form, Pattern, Response};
+
+    #[test]
+    fn windows_are_as_long_as_memory_allows() {
+        let model = Model::random(presets::by_name("tiny").unwrap().graph().unwrap(), 0).unwrap();
+        let pattern = Pattern::built_in("mpve-1-4").unwrap();
+        let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).unwrap();
+        let calibration = Calibration::new(&pattern, &response);
+        let options = Options::default();
+        let lengths = lengths(&model.graph, &calibration, options).unwrap();
+        let extent = [128, 128];
+        let bytes = |hop: usize| Plan::lower(&with_hop(&model, hop), 128, 128).unwrap().slot_bytes(4) as u64;
+        let fitted = |total: u64, lengths: &Lengths| {
+            let limits = Limits { buffer: u64::MAX, total, side: None };
+            let (model, grid) = fit(&model, &calibration, extent, limits, lengths).unwrap();
+            (model.graph.window.hop, grid.tiles().count())
+        };
+        assert_eq!(fitted(bytes(48), &lengths), (48, 1));
+        // A shorter window costs less than the halos of tiles.
+        assert_eq!(fitted(bytes(48) - 1, &lengths), (24, 1));
+        // With a hop that is fixed there are only tiles.
+        let (hop, tiles) = fitted(bytes(48) - 1, &Lengths { least: 48, ..lengths });
+        assert!(hop == 48 && tiles > 1);
+        // The smallest windows need tiles too.
+        let (_, tiles) = fitted(bytes(1) / 2, &lengths);
+        assert!(tiles > 1);
     }
 }
