@@ -158,14 +158,17 @@ fn broken_captures_are_refused() {
 }
 
 #[test]
-fn weights_for_another_pattern_are_refused() {
+fn weights_for_another_pattern_are_refused_and_fast_fits_itself() {
     let (folder, _) = capture();
     let truth = folder.path().join("truth.npy").display().to_string();
     let other = folder.path().join("other").display().to_string();
     succeeds(&["sample", &truth, "--out", &other, "--pattern", "mpve-1-8"]);
     let target = folder.path().join("out");
     let out = target.display().to_string();
-    fails(&["synth", &other, "--out", &out, "--executor", "cpu"], &["mpve-1-4", "mpve-1-8"], &target);
+    let tiny = ["synth", &other, "--out", &out, "--executor", "cpu", "--weights", "tiny"];
+    fails(&tiny, &["mpve-1-4", "mpve-1-8"], &target);
+    let report = succeeds(&["synth", &other, "--out", &out, "--executor", "cpu", "--json"]);
+    assert!(report.contains("\"fast-1-8\""), "{report}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use pix2hdr::gpu::Variant;
 use pix2hdr::network::{self, Model, presets};
 use pix2hdr::scene::procedural;
 use pix2hdr::sensor::Pattern;
-use pix2hdr::synth::{self, Backend, Request};
+use pix2hdr::synth::{self, Backend, Request, fitted};
 use pix2hdr::video::atomic;
 use pix2hdr::{Error, Result};
 use serde_json::json;
@@ -239,6 +239,12 @@ impl Bench {
                 for net in nets {
                     let Net { name: preset, model, trained } = net;
                     let clip = Clip::new(name, truth.clone(), net.pattern()?, self.seed)?;
+                    // Every place computes the same windows, the longest that fit everywhere.
+                    let mut model = model.clone();
+                    for (backend, _) in backends {
+                        model = fitted(&model, &clip.capture.calibration(), [height, width], backend)?;
+                    }
+                    let model = &model;
                     let oracle = Oracle::new(model, &clip, effort.check_flop)?;
                     for &(ref backend, peak) in backends {
                         for backend in &self.at_precisions(backend) {

@@ -14,8 +14,8 @@ use super::terminal;
 
 /// Writes a ground-truth HDR video: a built-in scene, or a clip from a panorama
 ///
-/// Built-in scenes: fan, leds, falling, pouring, edge, wedge, still. With --panorama, NAME is one of the speeds
-/// static, slow, medium, fast, extreme.
+/// Built-in scenes: fan, leds, falling, pouring, edge, wedge, still, still-moving. With --panorama, NAME is one of the
+/// speeds static, slow, medium, fast, extreme.
 #[derive(Args)]
 pub struct SceneCommand {
     /// Name of a built-in scene, or of a speed with --panorama

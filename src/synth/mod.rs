@@ -24,4 +24,4 @@ pub use backend::{Backend, Request};
 pub use cover::Active;
 pub use line::ResultFrame;
 pub use report::{Audit, Report, Skipped};
-pub use synthesizer::{Options, Skip, Synthesizer, check_fits};
+pub use synthesizer::{Options, Skip, Synthesizer, check_fits, fitted};

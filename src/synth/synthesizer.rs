@@ -347,6 +347,17 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
     Ok(Lengths { hop, least: least(hop, cell), cell, step: cell })
 }
 
+/// `model` with the windows that [`Synthesizer::new`] chooses for frames of `extent` [rows, columns].
+pub fn fitted(
+    model: &Model,
+    calibration: &Calibration,
+    extent: [usize; 2],
+    backend: &Backend,
+) -> Result<Model> {
+    let lengths = lengths(&model.graph, calibration, Options::default())?;
+    Ok(fit(model, calibration, extent, backend.limits(None), &lengths)?.0)
+}
+
 /// The window and the tiles with the fewest operations for each result frame within `limits`. Short windows compute
 /// more frames that no result keeps, and small tiles more pixels; both save memory, and neither changes a result.
 fn fit(
