@@ -12,34 +12,53 @@
 #paste dispatch
 #paste tone
 
+struct Pixel {
+    t: i32,
+    y: i32,
+    x: i32,
+    // Its first vector of weights, and its first channel.
+    vectors: i32,
+    first: i32,
+    base: f32,
+}
+
+// Weight `i` of a pixel.
+fn weight(pixel: Pixel, i: i32) -> f32 {
+    let channel = i * BLOCK_Y * BLOCK_X + pixel.first;
+    let four = weights[pixel.vectors + channel / 4];
+    let part = channel % 4;
+    return select(select(four.x, four.y, part == 1), select(four.z, four.w, part == 3), part >= 2);
+}
+
+// What tap `i` adds. Taps are constants in the text: an array of them would be copied by each invocation.
+fn contribution(pixel: Pixel, i: i32, dt: i32, dy: i32, dx: i32) -> f32 {
+    let tap_t = LEAD + pixel.t + dt;
+    let tap_y = pixel.y + dy;
+    let tap_x = pixel.x + dx;
+    if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < OUTPUT_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
+        return weight(pixel, i) * (logs[LOGS_OFFSET + (tap_t * OUTPUT_Y + tap_y) * OUTPUT_X + tap_x] - pixel.base);
+    }
+    return 0.0;
+}
+
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn blend(
     @builtin(workgroup_id) workgroup: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let pixel = invocation_index(workgroup, local);
-    if (pixel >= INVOCATIONS) {
+    let index = invocation_index(workgroup, local);
+    if (index >= INVOCATIONS) {
         return;
     }
-    let x = pixel % OUTPUT_X;
-    let y = pixel / OUTPUT_X % OUTPUT_Y;
-    let t = pixel / (OUTPUT_X * OUTPUT_Y);
+    let x = index % OUTPUT_X;
+    let y = index / OUTPUT_X % OUTPUT_Y;
+    let t = index / (OUTPUT_X * OUTPUT_Y);
     let block = (t * WEIGHTS_Y + y / BLOCK_Y) * WEIGHTS_X + x / BLOCK_X;
     let vectors = WEIGHTS_OFFSET + block * WEIGHTS_STRIDE;
     let first = y % BLOCK_Y * BLOCK_X + x % BLOCK_X;
-    let base = tone(estimate[ESTIMATE_OFFSET + pixel]);
-    var v = base;
-    for (var i = 0; i < TAPS; i++) {
-        let tap_t = LEAD + t + TAPS_T[i];
-        let tap_y = y + TAPS_Y[i];
-        let tap_x = x + TAPS_X[i];
-        if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < OUTPUT_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
-            let channel = i * BLOCK_Y * BLOCK_X + first;
-            let weight = weights[vectors + channel / 4][channel % 4];
-            v += weight * (logs[LOGS_OFFSET + (tap_t * OUTPUT_Y + tap_y) * OUTPUT_X + tap_x] - base);
-        }
-    }
-    let residual = TAPS * BLOCK_Y * BLOCK_X + first;
-    v += weights[vectors + residual / 4][residual % 4];
-    output[OUTPUT_OFFSET + pixel] = inverse_tone(clamp(v, 0.0, 1.0));
+    let pixel = Pixel(t, y, x, vectors, first, tone(estimate[ESTIMATE_OFFSET + index]));
+    var v = pixel.base;
+    v += contribution(pixel, $tap);
+    v += weight(pixel, TAPS);
+    output[OUTPUT_OFFSET + index] = inverse_tone(clamp(v, 0.0, 1.0));
 }

@@ -373,10 +373,10 @@ fn broken_shaders_are_caught() {
         ("log_irradiance", "FIRST_FRAME + t", "FIRST_FRAME"),
         ("features", "pixel_t + FRAME_OFFSETS", "pixel_t - FRAME_OFFSETS"),
         ("features", "(frame * LOGS_Y", "(pixel_t * LOGS_Y"),
-        ("blend", "- base)", ")"),
+        ("blend", "- pixel.base)", ")"),
         ("blend", "tap_y < OUTPUT_Y", "tap_y < OUTPUT_Y - 1"),
-        ("blend", "t + TAPS_T[i]", "t"),
-        ("blend", "TAPS * BLOCK_Y", "0 * BLOCK_Y"),
+        ("blend", "pixel.t + dt", "pixel.t"),
+        ("blend", "weight(pixel, TAPS)", "weight(pixel, 0)"),
     ];
     // At f16, what packs and unpacks four channels is part of the text too.
     let reduced_mutants = [

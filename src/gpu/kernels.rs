@@ -5,7 +5,7 @@
 //! the names in the table, the camera's tables, and the kernel's own parameters. Two things are expanded in the
 //! text itself: a line `#paste NAME` becomes `shaders/common/NAME.wgsl`, and a line with `$p`, `$j`, `$i`, `$w` or
 //! `$row` is repeated for the parts of the block that an invocation computes; lines between `#each $j` and `#end` are
-//! repeated together. The header also says how vectors of four channels are stored: for a tensor NAME it defines the
+//! repeated together, and a line with `$tap` is repeated for the taps of a `blend`. The header also says how vectors of four channels are stored: for a tensor NAME it defines the
 //! type `NAME_VECTOR` and the function `name_values` or, for the output, `output_vector`.
 
 use std::fmt::Write;
@@ -202,9 +202,6 @@ impl Call {
                 header.extents("BLOCK", *block);
                 header.int("LEAD", *lead);
                 header.int("TAPS", taps.len());
-                for (axis, name) in ["TAPS_T", "TAPS_Y", "TAPS_X"].into_iter().enumerate() {
-                    header.ints(name, taps.iter().map(|tap| tap[axis]));
-                }
                 output.pixels()
             }
         };
@@ -213,7 +210,8 @@ impl Call {
         header.unsigned("WORKGROUP_SIZE", WORKGROUP_SIZE);
         header.unsigned("WORKGROUPS_X", workgroups[0] as usize);
         header.int("INVOCATIONS", invocations);
-        let text = format!("{}\n{}", header.0, expand(shader.text, variant));
+        let taps: &[[i32; 3]] = if let Kernel::Blend { taps, .. } = &step.kernel { taps } else { &[] };
+        let text = format!("{}\n{}", header.0, expand(&for_each_tap(shader.text, taps), variant));
         Ok(Self { shader, text, inputs, workgroups, extent: layer, weights, terms, rendered_exposures })
     }
 }
@@ -237,6 +235,23 @@ fn checked(what: &str, count: usize) -> Result<(), GpuError> {
 fn fold(count: usize, max: u32) -> [u32; 2] {
     let rows = count.div_ceil(max as usize).max(1);
     [count.div_ceil(rows) as u32, rows as u32]
+}
+
+/// Repeats lines with `$tap` for each tap, as its number and its offsets (t, y, x).
+fn for_each_tap(text: &str, taps: &[[i32; 3]]) -> String {
+    let mut expanded = String::new();
+    for line in text.lines() {
+        if line.contains("$tap") {
+            for (i, [t, y, x]) in taps.iter().enumerate() {
+                expanded.push_str(&line.replace("$tap", &format!("{i}, {t}, {y}, {x}")));
+                expanded.push('\n');
+            }
+        } else {
+            expanded.push_str(line);
+            expanded.push('\n');
+        }
+    }
+    expanded
 }
 
 /// Replaces `#paste` lines, then repeats lines for the parts of a block.
