@@ -15,6 +15,7 @@ pub mod quality;
 pub mod scene;
 pub mod sensor;
 pub mod synth;
+mod system;
 pub mod video;
 #[cfg(feature = "view")]
 pub mod view;

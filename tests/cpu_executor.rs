@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use pix2hdr::cpu::bound::{self, bound, largest_fraction};
-use pix2hdr::cpu::{CpuExecutor, Simd, evaluate};
-use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Tensor, Window};
+use pix2hdr::cpu::{CpuExecutor, Shared, Simd, evaluate};
+use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Tensor, Window, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -205,6 +205,68 @@ fn a_window_leaves_nothing_behind_for_the_next() {
         }
         assert_eq!(results[0], results[2]);
         assert_ne!(results[0], results[1]);
+    }
+}
+
+#[test]
+fn pieces_change_nothing() {
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let preset = |name: &str| {
+        let model = Model::random(presets::by_name(name).unwrap().graph().unwrap(), 3).unwrap();
+        let [_, y, x] = model.graph.granularity().unwrap();
+        (model, [2 * y, 2 * x])
+    };
+    for (model, [height, width]) in nets().into_iter().chain(["tiny", "fast", "paper-narrow"].map(preset)) {
+        let whole = Plan::lower(&model, height, width).unwrap();
+        let expected = bits(&run(CpuExecutor::<f32>::new(whole.clone(), camera()), &whole, 5));
+        for bytes in [1, 10_000, 200_000] {
+            let plan = Plan::in_pieces(&model, height, width, bytes).unwrap();
+            let name = &plan.name;
+            if bytes == 1 && ["kernels", "tiny", "fast"].contains(&name.as_str()) {
+                assert!(plan.steps.len() > 2 * whole.steps.len(), "{name} is not cut");
+                assert!(plan.slot_bytes(4) < whole.slot_bytes(4), "{name} in pieces takes as much memory");
+            }
+            for threads in [1, 3] {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let result = pool.install(|| run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 5));
+                assert_eq!(expected, bits(&result), "{name}, {bytes} bytes, {threads} threads");
+            }
+            // One step after the other, as larger pieces are computed.
+            let measurement = measurement(plan.measurement.shape.len(), 5);
+            let mut frames = Vec::new();
+            let output = &model.graph.output;
+            CpuExecutor::<f32>::new(plan.clone(), camera())
+                .trace(&measurement, SCHEDULE, &mut |step, _, tensor| {
+                    if step.name == *output {
+                        frames.extend_from_slice(&tensor.data);
+                    }
+                })
+                .unwrap();
+            if frames.len() == expected.len() {
+                assert_eq!(expected, bits(&frames), "{name}, {bytes} bytes, step by step");
+            }
+        }
+    }
+}
+
+#[test]
+fn executors_that_share_do_not_disturb_each_other() {
+    let model = model(KERNELS, 9);
+    let shared = Shared::default();
+    let plans = [[4, 8], [36, 56], [12, 8]].map(|[y, x]| Plan::in_pieces(&model, y, x, 5000).unwrap());
+    let mut executors = plans.clone().map(|plan| CpuExecutor::<f32>::sharing(plan, camera(), &shared));
+    for seed in [1, 2] {
+        for (executor, plan) in executors.iter_mut().zip(&plans) {
+            let measurement = measurement(plan.measurement.shape.len(), seed);
+            executor.submit(&measurement, SCHEDULE).unwrap();
+            assert!(executor.submit(&measurement, SCHEDULE).is_err(), "nobody has collected the first one");
+        }
+        for (executor, plan) in executors.iter_mut().zip(&plans) {
+            let mut result = vec![f32::NAN; plan.result.shape.len()];
+            executor.collect(&mut result).unwrap();
+            assert_eq!(result, run(CpuExecutor::<f32>::new(plan.clone(), camera()), plan, seed));
+            assert!(executor.collect(&mut result).is_err());
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! How fast a plan can be at best: what its arithmetic and its bytes take at the peaks of the hardware.
 
+use std::collections::HashMap;
+
 use serde::Serialize;
 
 use crate::gpu::{Format, StepFormats, Storage};
@@ -47,16 +49,25 @@ impl Work {
         Self { flop: step.flop(), bytes: bytes as f64 }
     }
 
+    /// Of both together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self { flop: self.flop + other.flop, bytes: self.bytes + other.bytes }
+    }
+
     /// Of all steps of a plan, one after the other.
     pub fn of_plan(plan: &Plan, precision: Precision) -> Self {
         let formats = Storage::new(plan, precision).steps;
         let steps = plan.steps.iter().zip(&formats).map(|(step, formats)| Self::of_step(step, formats));
-        steps.fold(Self::default(), |a, b| Self { flop: a.flop + b.flop, bytes: a.bytes + b.bytes })
+        steps.fold(Self::default(), Self::and)
     }
 
     /// Of a plan whose steps were all one: no tensor between them is written.
     pub fn of_fused_plan(plan: &Plan, precision: Precision) -> Self {
-        let weights: usize = plan.steps.iter().map(|step| weights(&step.kernel)).sum();
+        // A layer may be computed in several steps.
+        let layers: HashMap<&str, usize> =
+            plan.steps.iter().map(|step| (step.name.as_str(), weights(&step.kernel))).collect();
+        let weights: usize = layers.values().sum();
         let pixels = plan.measurement.shape.len() + plan.result.shape.len();
         let bytes = pixels * Format::F32.bytes() + weights * Format::of(precision).bytes();
         Self { flop: plan.flop(), bytes: bytes as f64 }

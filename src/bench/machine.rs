@@ -6,6 +6,7 @@ use super::Peak;
 use crate::cpu::probe;
 use crate::gpu::GpuError;
 use crate::synth::Backend;
+use crate::system::memory;
 
 /// What a reader of the figures must know of the machine. What the system does not tell is none.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -53,7 +54,7 @@ impl Machine {
             arch: std::env::consts::ARCH,
             cpu: line("/proc/cpuinfo", "model name"),
             cpu_threads: rayon::current_num_threads(),
-            memory_bytes: line("/proc/meminfo", "MemTotal").and_then(|text| kilobytes(&text)),
+            memory_bytes: memory(),
             peaks: Vec::new(),
         }
     }

@@ -1,5 +1,6 @@
 //! One row of the benchmark: a net, where it runs and how, on a clip.
 
+use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -10,7 +11,7 @@ use super::samples::repeat;
 use super::{Clip, Floors, Oracle, Peak, Samples, machine};
 use crate::Result;
 use crate::gpu::{self, GpuExecutor, Storage, Variant};
-use crate::network::{Executor, Model, Plan, Precision, Step};
+use crate::network::{Executor, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
 use crate::synth::{Backend, Options, Skip, Skipped, Synthesizer, tiles::Grid, windows};
@@ -272,7 +273,7 @@ impl Case<'_> {
                 tile.count += 1;
                 continue;
             }
-            let plan = Plan::lower(self.model, size[0], size[1])?;
+            let plan = self.backend.limits(None).plan(self.model, size[0], size[1])?;
             let executor = self.executor(plan.clone(), calibration)?;
             let measurement = crop(&seen, [row.outer_start, col.outer_start], size);
             tiles.push(Tile { plan, executor, measurement, count: 1, windows: 1 });
@@ -320,22 +321,31 @@ impl Case<'_> {
         let times = repeat(self.effort.patience, || executor.time_steps(&measurement.data, schedule))?;
         let per_frame = |seconds: f64| 1e3 * seconds * *count as f64 / plan.window.hop as f64;
         let formats = Storage::new(plan, self.backend.precision()).steps;
-        let layer = |(index, step): (usize, &Step)| {
-            let shortest = times.iter().map(|steps| steps[index]).min().unwrap_or_default().as_secs_f64();
-            let work = Work::of_step(step, &formats[index]);
+        // A layer may be computed in several steps.
+        let mut names: Vec<&str> = plan.steps.iter().map(|step| step.name.as_str()).collect();
+        let mut known = HashSet::new();
+        names.retain(|name| known.insert(*name));
+        let layer = |name: &str| {
+            let steps = || plan.steps.iter().enumerate().filter(move |(_, step)| step.name == name);
+            let (_, step) = steps().next()?;
+            let time = |times: &Vec<Duration>| steps().map(|(index, _)| times[index]).sum::<Duration>();
+            let shortest = times.iter().map(time).min().unwrap_or_default().as_secs_f64();
+            let work = steps().map(|(index, step)| Work::of_step(step, &formats[index]));
+            let work = work.fold(Work::default(), Work::and);
+            let frames = steps().map(|(_, step)| step.output.shape.t).sum();
             let roofline = self.peak.roofline(work);
-            Layer {
+            Some(Layer {
                 step: step.name.clone(),
                 kernel: step.kernel.name(),
-                output: step.output.shape.to_string(),
+                output: Shape { t: frames, ..step.output.shape }.to_string(),
                 ms_per_frame: per_frame(shortest),
                 gflop_per_s: 1e-9 * work.flop / shortest,
                 flop_per_byte: work.intensity(),
                 roofline_ms_per_frame: per_frame(roofline),
                 times_roofline: shortest / roofline,
-            }
+            })
         };
-        Ok(plan.steps.iter().enumerate().map(layer).collect())
+        Ok(names.into_iter().filter_map(layer).collect())
     }
 }
 

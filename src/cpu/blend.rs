@@ -113,8 +113,11 @@ impl Blend<'_> {
                     let gather = |i: usize, gathered: &mut Vec<R>| {
                         let first = (i * by + y % by) * bx;
                         gathered.clear();
-                        for block in weights.row(t, y / by) {
-                            gathered.extend_from_slice(&block[first..first + bx]);
+                        let blocks = weights.row(t, y / by).map(|block| &block[first..first + bx]);
+                        match bx {
+                            2 => gathered.extend(blocks.flat_map(few::<R, 2>)),
+                            4 => gathered.extend(blocks.flat_map(few::<R, 4>)),
+                            _ => blocks.for_each(|values| gathered.extend_from_slice(values)),
                         }
                     };
                     for (i, &[dt, dy, dx]) in self.taps.iter().enumerate() {
@@ -135,4 +138,9 @@ impl Blend<'_> {
             });
         });
     }
+}
+
+/// `N` values. To copy so few of them as a slice of any length would take several times as long.
+fn few<R: Real, const N: usize>(values: &[R]) -> [R; N] {
+    values.try_into().expect("blocks are N pixels wide")
 }

@@ -4,7 +4,7 @@
 //! Results are computed in blocks of a few rows of one frame. The pixels that a block depends on are gathered
 //! into scratch memory, padded with zeros. There, the taps along x of a pixel and their channels are one run
 //! of neighbouring values, so that the sum is a product of short runs with packed weights ([`super::gemm`]),
-//! without an im2col copy.
+//! without an im2col copy. Where they are that in the tensor itself, nothing is copied at all.
 //!
 //! Few output channels would leave vectors half empty. So a *group* of neighbouring results along x can count
 //! as one result with all their channels, whose run is so much longer; weights outside of a result's own taps
@@ -180,6 +180,11 @@ impl<R: Real> Packed<R> {
         }
     }
 
+    /// The vector instructions that the weights are packed for.
+    pub fn simd(&self) -> Simd {
+        self.simd
+    }
+
     /// Number of products that a result is the sum of, at most.
     pub fn products(&self) -> usize {
         self.products
@@ -227,9 +232,13 @@ impl<R: Real> Packed<R> {
         let range_t = (first_t + skipped as isize, first_t + (skipped + frames) as isize);
         let range_y = axis_y.range(rows.y, rows.y + rows.len());
         let range_x = axis_x.range(begin, end);
-        gather(input, [range_t, range_y, range_x], &mut scratch.gathered);
-        let row = (range_x.1 - range_x.0) as usize * self.in_channels;
-        let frame = (range_y.1 - range_y.0) as usize * row;
+        let ranges = [range_t, range_y, range_x];
+        let mut gathered = std::mem::take(&mut scratch.gathered);
+        let one_tap = axis_x.phases.iter().all(|phase| phase.taps == 1);
+        let in_place =
+            if one_tap || input.stride == self.in_channels { in_place(input, ranges) } else { None };
+        let Pixels { values, pixel, row, frame } =
+            in_place.unwrap_or_else(|| gather(input, ranges, &mut gathered));
         let depth = DEPTH.min(PANEL / self.tile.width());
 
         for (phase_y, &Phase { taps: taps_y, .. }) in axis_y.phases.iter().enumerate() {
@@ -248,7 +257,7 @@ impl<R: Real> Packed<R> {
                 for (y, first_y) in axis_y.windows(phase_y, rows.y, rows.y + rows.len()) {
                     let row = (first_y - range_y.0) as usize * row;
                     for (x, first_x) in axis_x.windows(phase_x, begin, end) {
-                        scratch.pixels.push(row + (first_x - range_x.0) as usize * self.in_channels);
+                        scratch.pixels.push(row + (first_x - range_x.0) as usize * pixel);
                         scratch.places.push([y - rows.y, x * self.group]);
                     }
                 }
@@ -270,6 +279,7 @@ impl<R: Real> Packed<R> {
                         index,
                         weights: &panel[skipped * taps_yx * self.tile.width()..],
                         depth,
+                        values,
                         scratch,
                         added,
                         rows,
@@ -278,6 +288,7 @@ impl<R: Real> Packed<R> {
                 }
             }
         }
+        scratch.gathered = gathered;
     }
 }
 
@@ -288,6 +299,8 @@ struct Panel<'a, 'r, R> {
     weights: &'a [R],
     /// Products in one go.
     depth: usize,
+    /// The pixels that the block depends on.
+    values: &'a [R],
     scratch: &'a mut Scratch<R>,
     added: Option<TensorView<'a, R>>,
     rows: &'a mut Rows<'r, R>,
@@ -317,7 +330,7 @@ impl<R: Real> Panel<'_, '_, R> {
     #[inline(always)]
     fn sum<T: Target, const PIXELS: usize, const VECTORS: usize>(&mut self, target: T) {
         let width = VECTORS * R::Vector::<T>::LANES;
-        let Scratch { gathered, sums, pixels, segments, .. } = &mut *self.scratch;
+        let Scratch { sums, pixels, segments, .. } = &mut *self.scratch;
         let (mut segments, mut panel) = (&segments[..], self.weights);
         let sums = &mut sums[..pixels.len() * width];
         let mut first = true;
@@ -332,7 +345,7 @@ impl<R: Real> Panel<'_, '_, R> {
             let (now, later) = segments.split_at(count);
             let depth: usize = now.iter().map(|segment| segment.len).sum();
             let (weights, rest) = panel.split_at(depth * width);
-            let product = Product { values: gathered, pixels, segments: now, panel: weights };
+            let product = Product { values: self.values, pixels, segments: now, panel: weights };
             multiply::<R, T, PIXELS, VECTORS>(target, &product, first, sums);
             (segments, panel, first) = (later, rest, false);
         }
@@ -394,8 +407,37 @@ fn softplus<R: Real>(v: R) -> R {
     v.at_least(R::ZERO) + (-v.abs()).exp().ln_1p()
 }
 
+/// The pixels in ranges of frames, rows and columns: the first one's first channel, and how far the others are apart.
+struct Pixels<'a, R> {
+    values: &'a [R],
+    pixel: usize,
+    row: usize,
+    frame: usize,
+}
+
+/// The pixels as they lie in the tensor, if all are inside of it.
+fn in_place<R: Real>(input: TensorView<'_, R>, ranges: [(isize, isize); 3]) -> Option<Pixels<'_, R>> {
+    let TensorView { stride: pixel, shape, .. } = input;
+    let inside =
+        |((begin, end), len): ((isize, isize), usize)| 0 <= begin && begin < end && end <= len as isize;
+    if !ranges.into_iter().zip([shape.t, shape.y, shape.x]).all(inside) {
+        return None;
+    }
+    let [t, y, x] = ranges.map(|(begin, _)| begin as usize);
+    Some(Pixels {
+        values: input.from(t, y, x),
+        pixel,
+        row: shape.x * pixel,
+        frame: shape.y * shape.x * pixel,
+    })
+}
+
 /// Copies the pixels in ranges of frames, rows and columns, densely and with zeros outside of the tensor.
-fn gather<R: Real>(input: TensorView<'_, R>, [t, y, x]: [(isize, isize); 3], gathered: &mut Vec<R>) {
+fn gather<'a, R: Real>(
+    input: TensorView<'_, R>,
+    [t, y, x]: [(isize, isize); 3],
+    gathered: &'a mut Vec<R>,
+) -> Pixels<'a, R> {
     let channels = input.shape.c;
     let width = input.shape.x as isize;
     let len = |(begin, end): (isize, isize)| (end - begin) as usize;
@@ -422,4 +464,6 @@ fn gather<R: Real>(input: TensorView<'_, R>, [t, y, x]: [(isize, isize); 3], gat
             gathered.resize(gathered.len() + len((outside, x.1)) * channels, R::ZERO);
         }
     }
+    let row = len(x) * channels;
+    Pixels { values: gathered, pixel: channels, row, frame: len(y) * row }
 }

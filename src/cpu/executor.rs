@@ -1,78 +1,249 @@
 //! Runs a plan on the CPU.
 
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
 
 use super::convolution::Packed;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
-use crate::network::{Executor, Plan, Step, Tensor, View, WindowTime};
+use crate::network::{Executor, Kernel, Plan, Run, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
+/// Bytes of inner slots up to which each piece of a run gets its own. Larger ones would fit into no cache anyway.
+const SIDE_BY_SIDE: usize = 16 << 20;
+
 /// Runs one plan with the CPU kernels, on all threads of the `rayon` pool that it is called from.
 ///
-/// Weights are packed and all tensors are allocated once, when it is made. Results do not depend on the
-/// number of threads.
+/// Weights are packed once, and tensors stay allocated. Results do not depend on the number of threads.
 #[derive(Debug)]
 pub struct CpuExecutor<R> {
     plan: Plan,
     calibration: Calibration,
     simd: Simd,
     /// Packed weights of each step that has some.
-    packed: Vec<Option<Packed<R>>>,
-    /// Padding channels are never written and stay zero, or what another tensor left there.
+    packed: Vec<Option<Arc<Packed<R>>>>,
+    shared: Shared<R>,
+    /// What the window that was submitted last came to, until it is collected.
+    result: Option<Vec<f32>>,
+}
+
+/// What executors of one net for windows of different sizes share: packed weights, and memory.
+#[derive(Clone, Debug)]
+pub struct Shared<R> {
+    weights: Arc<Mutex<Weights<R>>>,
+    memory: Arc<Mutex<Memory<R>>>,
+}
+
+/// Packed weights by the name of the step, with what they were packed from.
+type Weights<R> = HashMap<String, (Kernel, Arc<Packed<R>>)>;
+
+/// What one window is computed in. Slots are as long as the largest plan needs. No result depends on what another
+/// tensor or window left there, all of which is finite.
+#[derive(Debug)]
+struct Memory<R> {
     slots: Vec<Vec<R>>,
+    /// Results that were collected.
+    free: Vec<Vec<f32>>,
+    /// The inner slots of pieces that are computed at the same time.
+    inner: Mutex<Vec<Vec<Vec<R>>>>,
     scratch: ScratchPool<R>,
-    /// Whether the result's slot holds a window that nobody has collected.
-    done: bool,
+}
+
+impl<R> Default for Shared<R> {
+    fn default() -> Self {
+        let memory = Memory {
+            slots: Vec::new(),
+            free: Vec::new(),
+            inner: Mutex::default(),
+            scratch: ScratchPool::default(),
+        };
+        Self { weights: Arc::default(), memory: Arc::new(Mutex::new(memory)) }
+    }
+}
+
+impl<R: Real> Shared<R> {
+    /// The packed weights of a step that has some.
+    fn packed(&self, step: &Step, simd: Simd) -> Option<Arc<Packed<R>>> {
+        let mut weights = self.weights.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((kernel, packed)) = weights.get(&step.name)
+            && packed.simd() == simd
+            && kernel.same_convolution(&step.kernel)
+        {
+            return Some(Arc::clone(packed));
+        }
+        let packed = Arc::new(pack(&step.kernel, simd)?);
+        weights.insert(step.name.clone(), (step.kernel.clone(), Arc::clone(&packed)));
+        Some(packed)
+    }
+
+    fn memory(&self) -> MutexGuard<'_, Memory<R>> {
+        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl<R: Real> CpuExecutor<R> {
     /// Prepares to run `plan` on what the calibrated camera measured, with the widest vectors.
     pub fn new(plan: Plan, calibration: Calibration) -> Self {
-        Self::with_simd(plan, calibration, Simd::widest())
+        Self::sharing(plan, calibration, &Shared::default())
+    }
+
+    /// As [`new`](Self::new), sharing what can be shared. Executors that share compute one after the other.
+    pub fn sharing(plan: Plan, calibration: Calibration, shared: &Shared<R>) -> Self {
+        Self::with(plan, calibration, shared.clone(), Simd::widest())
     }
 
     /// As [`new`](Self::new), with convolutions in these vector instructions. Results differ only between
     /// instructions with and without fused multiply-add.
     pub fn with_simd(plan: Plan, calibration: Calibration, simd: Simd) -> Self {
-        Self {
-            simd,
-            packed: plan.steps.iter().map(|step| pack(&step.kernel, simd)).collect(),
-            slots: plan.slots.iter().map(|&len| vec![R::ZERO; len]).collect(),
-            scratch: ScratchPool::default(),
-            done: false,
-            plan,
-            calibration,
-        }
+        Self::with(plan, calibration, Shared::default(), simd)
     }
 
-    /// Writes the measurement into its slot. What is not finite counts as 0, so that no kernel meets NaN.
-    fn load(&mut self, measurement: &[f32]) -> Result<()> {
+    fn with(plan: Plan, calibration: Calibration, shared: Shared<R>, simd: Simd) -> Self {
+        let packed = plan.steps.iter().map(|step| shared.packed(step, simd)).collect();
+        Self { plan, calibration, simd, packed, shared, result: None }
+    }
+
+    /// Memory with the measurement in its slot. What is not finite counts as 0, so that no kernel meets NaN.
+    fn load(&self, measurement: &[f32]) -> Result<MutexGuard<'_, Memory<R>>> {
         let View { slot, offset, shape, .. } = self.plan.measurement;
         check_len("the measurement", measurement.len(), shape.len())?;
-        for (value, &y) in self.slots[slot][offset..].iter_mut().zip(measurement) {
+        let mut memory = self.shared.memory();
+        if memory.slots.len() < self.plan.slots.len() {
+            memory.slots.resize_with(self.plan.slots.len(), Vec::new);
+        }
+        for (slot, &len) in memory.slots.iter_mut().zip(&self.plan.slots) {
+            if slot.len() < len {
+                // Fresh zeros cost nothing until they are touched, a copy would.
+                *slot = vec![R::ZERO; len];
+            }
+        }
+        for (value, &y) in memory.slots[slot][offset..].iter_mut().zip(measurement) {
             *value = if y.is_finite() { R::from_f32(y.clamp(0.0, 1.0)) } else { R::ZERO };
         }
-        Ok(())
+        Ok(memory)
     }
 
-    fn step(&mut self, index: usize, schedule: i64) {
-        let step = &self.plan.steps[index];
+    fn steps(&self, memory: &mut Memory<R>, schedule: i64) {
+        for run in &self.plan.runs {
+            let bytes = run.inner.iter().map(|(_, len)| len * size_of::<R>()).sum::<usize>();
+            if run.pieces.len() > 1 && bytes <= SIDE_BY_SIDE {
+                self.side_by_side(memory, run, schedule);
+            } else {
+                run.pieces.iter().cloned().flatten().for_each(|index| self.step(memory, index, schedule));
+            }
+        }
+    }
+
+    /// Runs one step by itself.
+    fn step(&self, memory: &mut Memory<R>, index: usize, schedule: i64) {
+        let slot = self.plan.steps[index].output.slot;
         // A step never reads the slot that it writes.
-        let mut written = std::mem::take(&mut self.slots[step.output.slot]);
-        let call = Call {
-            kernel: &step.kernel,
-            packed: &self.packed[index],
-            calibration: &self.calibration,
-            schedule: step.schedule(schedule),
-            scratch: &self.scratch,
-        };
-        let input = |i: usize| step.inputs.get(i).map(|view| TensorView::new(&self.slots[view.slot], view));
-        call.run(input, TensorViewMut::new(&mut written, &step.output));
-        self.slots[step.output.slot] = written;
+        let mut written = std::mem::take(&mut memory.slots[slot]);
+        let mut parts = [Part { slot, begin: 0, values: &mut written }];
+        self.piece(index..index + 1, schedule, &memory.slots, &mut parts, &memory.scratch);
+        memory.slots[slot] = written;
     }
 
+    /// Runs the pieces of a run at the same time: each writes its own part of what is read later, and has what it leaves
+    /// for itself to itself. So threads wait for each other once a run, not once a step.
+    fn side_by_side(&self, memory: &mut Memory<R>, run: &Run, schedule: i64) {
+        let Memory { slots, scratch, inner, .. } = memory;
+        let inner = &*inner;
+        let mut pieces: Vec<_> = run.pieces.iter().map(|steps| (steps.clone(), Vec::new())).collect();
+        let written = |steps: &Range<usize>, slot: usize| {
+            let step = self.plan.steps[steps.clone()].iter().find(|step| step.output.slot == slot)?;
+            let View { offset, stride, shape, .. } = step.output;
+            Some((offset, shape.pixels() * stride))
+        };
+        let mut outputs: Vec<(usize, Vec<R>)> = Vec::new();
+        for step in run.pieces.iter().flat_map(|steps| &self.plan.steps[steps.clone()]) {
+            let slot = step.output.slot;
+            if run.inner.iter().all(|(inner, _)| *inner != slot)
+                && outputs.iter().all(|(known, _)| *known != slot)
+            {
+                outputs.push((slot, std::mem::take(&mut slots[slot])));
+            }
+        }
+        for (slot, values) in &mut outputs {
+            let (mut rest, mut at) = (&mut values[..], 0);
+            for (steps, parts) in &mut pieces {
+                let Some((begin, len)) = written(steps, *slot) else { continue };
+                let (part, behind) = rest.split_at_mut(begin - at).1.split_at_mut(len);
+                parts.push(Part { slot: *slot, begin, values: part });
+                (rest, at) = (behind, begin + len);
+            }
+        }
+        pieces.into_par_iter().with_max_len(1).for_each(|(steps, mut parts)| {
+            let lock = || inner.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut own = lock().pop().unwrap_or_default();
+            own.resize_with(own.len().max(run.inner.len()), Vec::new);
+            for (values, &(slot, len)) in own.iter_mut().zip(&run.inner) {
+                values.resize(len.max(values.len()), R::ZERO);
+                parts.push(Part { slot, begin: 0, values });
+            }
+            self.piece(steps, schedule, slots, &mut parts, scratch);
+            drop(parts);
+            lock().push(own);
+        });
+        for (slot, values) in outputs {
+            slots[slot] = values;
+        }
+    }
+
+    /// Runs steps that write to `parts`, and read from there too.
+    fn piece(
+        &self,
+        steps: Range<usize>,
+        schedule: i64,
+        slots: &[Vec<R>],
+        parts: &mut [Part<'_, R>],
+        scratch: &ScratchPool<R>,
+    ) {
+        for index in steps {
+            let step = &self.plan.steps[index];
+            let own = parts.iter().position(|part| part.slot == step.output.slot);
+            let own = own.expect("a piece has a part of each slot that it writes");
+            let written = std::mem::take(&mut parts[own].values);
+            let call = Call {
+                kernel: &step.kernel,
+                packed: self.packed[index].as_deref(),
+                calibration: &self.calibration,
+                schedule: step.schedule(schedule),
+                scratch,
+            };
+            let input = |i: usize| {
+                step.inputs.get(i).map(|view| match parts.iter().find(|part| part.slot == view.slot) {
+                    Some(part) => TensorView::new(part.values, &part.place(view)),
+                    None => TensorView::new(&slots[view.slot], view),
+                })
+            };
+            call.run(input, TensorViewMut::new(written, &parts[own].place(&step.output)));
+            parts[own].values = written;
+        }
+    }
+}
+
+/// A part of a slot, which one piece of a run has for itself.
+struct Part<'a, R> {
+    slot: usize,
+    /// Where it begins in the slot.
+    begin: usize,
+    values: &'a mut [R],
+}
+
+impl<R> Part<'_, R> {
+    /// Where a view of the slot lies in it.
+    fn place(&self, view: &View) -> View {
+        View { offset: view.offset - self.begin, ..*view }
+    }
+}
+
+impl<R: Real> Memory<R> {
     fn tensor(&self, view: &View) -> Tensor {
         let pixels = TensorView::new(&self.slots[view.slot], view).pixels();
         Tensor { shape: view.shape, data: pixels.flatten().map(|v| v.to_f32()).collect() }
@@ -87,29 +258,30 @@ impl<R: Real> Executor for CpuExecutor<R> {
     }
 
     fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        if self.done {
+        if self.result.is_some() {
             return Err(Error::Usage("a window is computed; collect it first".into()));
         }
-        self.load(measurement)?;
-        for index in 0..self.plan.steps.len() {
-            self.step(index, schedule);
-        }
-        self.done = true;
+        let mut memory = self.load(measurement)?;
+        self.steps(&mut memory, schedule);
+        let mut result = memory.free.pop().unwrap_or_default();
+        let view = self.plan.result;
+        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
+        result.clear();
+        // Only a net whose weights overflow gets here with anything else than a finite number.
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
+        drop(memory);
+        self.result = Some(result);
         Ok(())
     }
 
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
-        let view = self.plan.result;
-        check_len("the result", result.len(), view.shape.len())?;
-        if !std::mem::take(&mut self.done) {
+        check_len("the result", result.len(), self.plan.result.shape.len())?;
+        let Some(values) = self.result.take() else {
             return Err(Error::Usage("no window was submitted".into()));
-        }
-        let pixels = TensorView::new(&self.slots[view.slot], &view).pixels();
-        for (result, value) in result.iter_mut().zip(pixels.flatten()) {
-            let value = value.to_f32();
-            // Only a net whose weights overflow gets here with anything else than a finite number.
-            *result = if value.is_finite() { value } else { 0.0 };
-        }
+        };
+        result.copy_from_slice(&values);
+        self.shared.memory().free.push(values);
         Ok(())
     }
 
@@ -123,34 +295,30 @@ impl<R: Real> Executor for CpuExecutor<R> {
         schedule: i64,
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()> {
-        self.load(measurement)?;
-        for index in 0..self.plan.steps.len() {
-            let inputs: Vec<Tensor> =
-                self.plan.steps[index].inputs.iter().map(|view| self.tensor(view)).collect();
-            self.step(index, schedule);
-            let step = &self.plan.steps[index];
-            visit(step, &inputs, &self.tensor(&step.output));
+        let mut memory = self.load(measurement)?;
+        for (index, step) in self.plan.steps.iter().enumerate() {
+            let inputs: Vec<Tensor> = step.inputs.iter().map(|view| memory.tensor(view)).collect();
+            self.step(&mut memory, index, schedule);
+            visit(step, &inputs, &memory.tensor(&step.output));
         }
         Ok(())
     }
 
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
-        self.load(measurement)?;
+        let mut memory = self.load(measurement)?;
         let begun = Instant::now();
         for _ in 0..windows {
-            for index in 0..self.plan.steps.len() {
-                self.step(index, schedule);
-            }
+            self.steps(&mut memory, schedule);
         }
         Ok(WindowTime { wall: begun.elapsed(), device: None })
     }
 
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
-        self.load(measurement)?;
+        let mut memory = self.load(measurement)?;
         let steps = 0..self.plan.steps.len();
         let time = |index| {
             let begun = Instant::now();
-            self.step(index, schedule);
+            self.step(&mut memory, index, schedule);
             begun.elapsed()
         };
         Ok(steps.map(time).collect())

@@ -23,7 +23,7 @@ mod real;
 mod simd;
 mod view;
 
-pub use executor::CpuExecutor;
+pub use executor::{CpuExecutor, Shared};
 pub use gemm::peak;
 pub use real::Real;
 pub use simd::Simd;
@@ -48,7 +48,8 @@ pub fn evaluate<R: Real>(
 ) -> Tensor<R> {
     let mut output = Tensor::filled(output_shape, R::ZERO);
     let packed = pack(kernel, Simd::widest());
-    let call = Call { kernel, packed: &packed, calibration, schedule, scratch: &ScratchPool::default() };
+    let call =
+        Call { kernel, packed: packed.as_ref(), calibration, schedule, scratch: &ScratchPool::default() };
     call.run(|i| inputs.get(i).map(TensorView::dense), TensorViewMut::dense(&mut output));
     output
 }
@@ -65,7 +66,7 @@ fn pack<R: Real>(kernel: &Kernel, simd: Simd) -> Option<Packed<R>> {
 /// All that a kernel call needs besides its tensors.
 struct Call<'a, R> {
     kernel: &'a Kernel,
-    packed: &'a Option<Packed<R>>,
+    packed: Option<&'a Packed<R>>,
     calibration: &'a Calibration,
     schedule: i64,
     scratch: &'a ScratchPool<R>,
@@ -85,7 +86,7 @@ impl<R: Real> Call<'_, R> {
                 features.run([wanted(0), wanted(1)], input(2), output, camera, scratch);
             }
             Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => {
-                let packed = packed.as_ref().expect("convolutions are packed");
+                let packed = packed.expect("convolutions are packed");
                 packed.run(wanted(0), input(1), output, scratch);
             }
             Kernel::InverseResponse { exposures } => {

@@ -10,6 +10,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
+use super::pieces::{Group, groups};
 use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
 /// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
@@ -91,6 +92,22 @@ impl Kernel {
         }
     }
 
+    /// Whether both are the same convolution with the same weights.
+    pub fn same_convolution(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Conv3d(a), Self::Conv3d(b)) | (Self::ConvTranspose3d(a), Self::ConvTranspose3d(b)) => {
+                // Models share layers, whose many weights need no comparing then.
+                let weights = Arc::ptr_eq(&a.layer, &b.layer) || a.layer == b.layer;
+                let shape = |step: &ConvolutionStep| {
+                    let ConvolutionStep { kernel, stride, padding, in_channels, out_channels, .. } = *step;
+                    ([kernel, stride, padding], [in_channels, out_channels], step.activation)
+                };
+                weights && shape(a) == shape(b)
+            }
+            _ => false,
+        }
+    }
+
     /// Whether its feature channels and weights are stored at an executor's precision. What other kernels read and write
     /// is f32 always: irradiance, and what the kernels behind a net make of its last layer (design §7).
     pub fn follows_precision(&self) -> bool {
@@ -141,6 +158,16 @@ pub struct Step {
     pub first_frame: usize,
 }
 
+/// Steps that are computed together, piece by piece in time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Steps of each piece. Other pieces read nothing that they write.
+    pub pieces: Vec<Range<usize>>,
+    /// Slots of what is there for one piece at a time, and how many values of them that takes. A piece that has its own
+    /// need not wait for another one.
+    pub inner: Vec<(usize, usize)>,
+}
+
 /// A model lowered for one window size.
 #[derive(Clone, Debug)]
 pub struct Plan {
@@ -148,6 +175,8 @@ pub struct Plan {
     pub name: String,
     /// Steps in order.
     pub steps: Vec<Step>,
+    /// The same steps in runs: one of each run's pieces after the other, or side by side.
+    pub runs: Vec<Run>,
     /// Size of each slot, in values.
     pub slots: Vec<usize>,
     /// Where the pixel values [frames, H, W] go in.
@@ -176,6 +205,13 @@ struct Place {
 impl Plan {
     /// Lowers `model` for windows of `height` × `width` pixels, which must be multiples of the granularity.
     pub fn lower(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
+        Self::in_pieces(model, height, width, usize::MAX)
+    }
+
+    /// As [`Plan::lower`], with several steps for a node where neighbouring nodes are computed piece by piece in time, so
+    /// that what one leaves for the next one takes `bytes` at most (but at least a frame), at 4 a value. Results are the
+    /// same.
+    pub fn in_pieces(model: &Model, height: usize, width: usize, bytes: usize) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let [_, gy, gx] = graph.granularity()?;
         if height == 0 || width == 0 || !height.is_multiple_of(gy) || !width.is_multiple_of(gx) {
@@ -184,21 +220,37 @@ impl Plan {
                 format!("a window of {height}×{width} pixels is not a multiple of {gy}×{gx}"),
             ));
         }
-        Self::lower_unaligned(model, height, width)
+        Self::build(model, height, width, bytes)
     }
 
     /// As [`Plan::lower`], for any size that the operations accept: single operations, such as a strided
     /// convolution, are defined on odd sizes too.
     pub fn lower_unaligned(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
+        Self::build(model, height, width, usize::MAX)
+    }
+
+    fn build(model: &Model, height: usize, width: usize, piece_bytes: usize) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let shapes = graph.shapes(height, width)?;
         // The whole measurement is given; of the other tensors, only the frames that count are computed.
         let mut needed = graph.needed_frames(&shapes);
         let covers_window = shapes[graph.output.as_str()].t == graph.window.frames;
         needed.insert(MEASUREMENT, 0..graph.window.frames);
-        let shapes: HashMap<&str, Shape> =
+        let mut shapes: HashMap<&str, Shape> =
             needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
-        let (places, mut buffers) = place(graph, &shapes);
+        let parts = parts(graph, &shapes);
+        let groups = groups(graph, &needed, &shapes, piece_bytes, |name| parts.contains_key(name));
+        for group in &groups {
+            for &name in &group.inner {
+                if let Some(shape) = shapes.get_mut(name) {
+                    shape.t = shape.t.min(group.longest());
+                }
+            }
+        }
+        let (places, mut buffers) = place(graph, &shapes, &parts);
+        for group in groups.iter().filter(|group| group.pieces.len() > 1) {
+            keep(group, graph, &places, &mut buffers);
+        }
         let slots = assign_slots(&mut buffers);
         let view = |name: &str| {
             let place = places[name];
@@ -209,9 +261,13 @@ impl Plan {
                 shape: shapes[name],
             }
         };
+        // Frames of a tensor that are there while a group computes a piece.
+        let there = |name: &str, group: &Group<'_>, piece: &Range<usize>| {
+            let Range { start, end } = needed[name].clone();
+            if group.inner.contains(&name) { start.max(piece.start)..end.min(piece.end) } else { start..end }
+        };
         // What there is of frames `wanted` of a tensor, and how many frames it begins behind the first of them.
-        let cut = |name: &str, wanted: Range<isize>| {
-            let there = &needed[name];
+        let cut = |name: &str, there: Range<usize>, wanted: Range<isize>| {
             let [start, end] =
                 [wanted.start, wanted.end].map(|t| t.clamp(there.start as isize, there.end as isize));
             let view = view(name).frames(start as usize - there.start, (end - start) as usize);
@@ -226,73 +282,88 @@ impl Plan {
             let problem = "its concatenations copy too many channels".into();
             return Err(NetworkError::Graph(graph.name.clone(), problem));
         }
-        let steps = computed()
-            .flat_map(|node| {
-                if matches!(node.op, Op::Concat) {
-                    return copies(node, view(&node.name), view);
-                }
-                let frames = needed[node.name.as_str()].clone();
-                let output = view(&node.name);
-                let reads: Vec<_> = node
-                    .tensors()
-                    .zip(node.reads(frames.clone()))
-                    // The first input stands in for one that is not read.
-                    .map(|(name, wanted)| if wanted.is_empty() { None } else { Some(cut(name, wanted)) })
-                    .collect();
-                let (first, before) = reads[0].expect("every operation reads its first input");
-                // Frames of a tensor that stands before the result, where offsets reach back to `earliest` frames.
-                let lead = |input: usize, earliest: Option<i32>| {
-                    let missing = reads.get(input).copied().flatten().map_or(0, |(_, missing)| missing);
-                    earliest.map_or(0, |offset| offset.min(0).unsigned_abs() as usize) - missing
-                };
-                let inputs: Vec<View> =
-                    reads.iter().map(|read| read.map_or(first, |(view, _)| view)).collect();
-                let convolution = |transposed: bool| {
-                    let conv = node.convolution().expect("called for convolutions only");
-                    let [padding_t, padding_y, padding_x] = conv.padding(transposed);
-                    Arc::new(ConvolutionStep {
-                        kernel: conv.kernel,
-                        stride: conv.stride,
-                        padding: [if transposed { padding_t } else { before }, padding_y, padding_x],
-                        in_channels: first.shape.c,
-                        out_channels: conv.out_channels,
-                        activation: conv.activation,
-                        layer: Arc::clone(&model.layers[&node.name]),
-                    })
-                };
-                let mut first_frame = frames.start;
-                let kernel = match &node.op {
-                    Op::BoxEstimate => Kernel::BoxEstimate,
-                    Op::LogIrradiance => Kernel::LogIrradiance,
-                    Op::Features { channels, neighbours, block } => {
-                        first_frame *= block[0];
-                        let now = channels.iter().map(|&feature| Channel { feature, offset: 0 });
-                        let others = neighbours
-                            .iter()
-                            .map(|&offset| Channel { feature: Feature::LogIrradiance, offset });
-                        Kernel::Features {
-                            channels: now.chain(others).collect(),
-                            block: *block,
-                            lead: lead(2, neighbours.iter().min().copied()),
-                        }
-                    }
-                    Op::Conv3d(_) => Kernel::Conv3d(convolution(false)),
-                    Op::ConvTranspose3d(_) => Kernel::ConvTranspose3d(convolution(true)),
-                    Op::InverseResponse { exposures } => {
-                        Kernel::InverseResponse { exposures: exposures.clone() }
-                    }
-                    Op::Fuse => Kernel::Fuse,
-                    Op::Blend { block, taps } => Kernel::Blend {
+        let step = |node: &Node, group: &Group<'_>, piece: &Range<usize>| {
+            let all = needed[node.name.as_str()].clone();
+            let frames = all.start.max(piece.start)..all.end.min(piece.end);
+            if frames.is_empty() {
+                return Vec::new();
+            }
+            if matches!(node.op, Op::Concat) {
+                return copies(node, view(&node.name), view);
+            }
+            let first = there(&node.name, group, piece).start;
+            let output = view(&node.name).frames(frames.start - first, frames.len());
+            let reads: Vec<_> = node
+                .tensors()
+                .zip(node.reads(frames.clone()))
+                // The first input stands in for one that is not read.
+                .map(|(name, wanted)| {
+                    (!wanted.is_empty()).then(|| cut(name, there(name, group, piece), wanted))
+                })
+                .collect();
+            let (first, before) = reads[0].expect("every operation reads its first input");
+            // Frames of a tensor that stands before the result, where offsets reach back to `earliest` frames.
+            let lead = |input: usize, earliest: Option<i32>| {
+                let missing = reads.get(input).copied().flatten().map_or(0, |(_, missing)| missing);
+                earliest.map_or(0, |offset| offset.min(0).unsigned_abs() as usize) - missing
+            };
+            let inputs: Vec<View> = reads.iter().map(|read| read.map_or(first, |(view, _)| view)).collect();
+            let convolution = |transposed: bool| {
+                let conv = node.convolution().expect("called for convolutions only");
+                let [padding_t, padding_y, padding_x] = conv.padding(transposed);
+                Arc::new(ConvolutionStep {
+                    kernel: conv.kernel,
+                    stride: conv.stride,
+                    padding: [if transposed { padding_t } else { before }, padding_y, padding_x],
+                    in_channels: first.shape.c,
+                    out_channels: conv.out_channels,
+                    activation: conv.activation,
+                    layer: Arc::clone(&model.layers[&node.name]),
+                })
+            };
+            let mut first_frame = frames.start;
+            let kernel = match &node.op {
+                Op::BoxEstimate => Kernel::BoxEstimate,
+                Op::LogIrradiance => Kernel::LogIrradiance,
+                Op::Features { channels, neighbours, block } => {
+                    first_frame *= block[0];
+                    let now = channels.iter().map(|&feature| Channel { feature, offset: 0 });
+                    let others =
+                        neighbours.iter().map(|&offset| Channel { feature: Feature::LogIrradiance, offset });
+                    Kernel::Features {
+                        channels: now.chain(others).collect(),
                         block: *block,
-                        taps: taps.clone(),
-                        lead: lead(1, taps.iter().map(|tap| tap[0]).min()),
-                    },
-                    Op::Concat => unreachable!("returned above"),
-                };
-                debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
-                vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame }]
-            })
-            .collect();
+                        lead: lead(2, neighbours.iter().min().copied()),
+                    }
+                }
+                Op::Conv3d(_) => Kernel::Conv3d(convolution(false)),
+                Op::ConvTranspose3d(_) => Kernel::ConvTranspose3d(convolution(true)),
+                Op::InverseResponse { exposures } => Kernel::InverseResponse { exposures: exposures.clone() },
+                Op::Fuse => Kernel::Fuse,
+                Op::Blend { block, taps } => Kernel::Blend {
+                    block: *block,
+                    taps: taps.clone(),
+                    lead: lead(1, taps.iter().map(|tap| tap[0]).min()),
+                },
+                Op::Concat => unreachable!("returned above"),
+            };
+            debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
+            vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame }]
+        };
+        let (mut steps, mut runs) = (Vec::new(), Vec::new());
+        for group in &groups {
+            let mut pieces = Vec::new();
+            for piece in &group.pieces {
+                let first = steps.len();
+                let nodes = graph.nodes[group.nodes.clone()].iter();
+                let nodes = nodes.filter(|node| needed.contains_key(node.name.as_str()));
+                steps.extend(nodes.flat_map(|node| step(node, group, piece)));
+                pieces.push(first..steps.len());
+            }
+            let inner = group.inner.iter().map(|&name| places[name].buffer);
+            let inner = inner.map(|buffer| (slots.of[buffer], buffers[buffer].len)).collect();
+            runs.push(Run { pieces, inner });
+        }
         let mut result = view(&graph.output);
         let first = needed[graph.output.as_str()].start;
         if covers_window && result.shape.c == 1 {
@@ -301,6 +372,7 @@ impl Plan {
         Ok(Self {
             name: graph.name.clone(),
             steps,
+            runs,
             slots: slots.len,
             measurement: view(MEASUREMENT),
             result,
@@ -400,8 +472,11 @@ fn parts_to_copy(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec
 }
 
 /// Gives every tensor a buffer, and every buffer its lifetime in steps.
-fn place<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> (HashMap<&'a str, Place>, Vec<Buffer>) {
-    let part_of = parts(graph, shapes);
+fn place<'a>(
+    graph: &'a Graph,
+    shapes: &HashMap<&str, Shape>,
+    part_of: &HashMap<&str, (usize, usize)>,
+) -> (HashMap<&'a str, Place>, Vec<Buffer>) {
     let mut buffers: Vec<Buffer> = Vec::new();
     let mut places: HashMap<&str, Place> = HashMap::new();
     let mut concat_places: HashMap<usize, Place> = HashMap::new();
@@ -434,6 +509,17 @@ fn place<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> (HashMap<&'a st
     }
     buffers[places[graph.output.as_str()].buffer].last = usize::MAX;
     (places, buffers)
+}
+
+/// Keeps all that a group reads and writes until its last piece is done, and from its first one on.
+fn keep(group: &Group<'_>, graph: &Graph, places: &HashMap<&str, Place>, buffers: &mut [Buffer]) {
+    for node in &graph.nodes[group.nodes.clone()] {
+        for name in node.tensors().chain([&node.name]) {
+            let buffer = &mut buffers[places[name.as_str()].buffer];
+            buffer.first = buffer.first.min(group.nodes.start);
+            buffer.last = buffer.last.max(group.nodes.end - 1);
+        }
+    }
 }
 
 /// Sizes of the slots, and the slot of each buffer.

@@ -1,10 +1,13 @@
 //! Where a net runs: a GPU, or the CPU executor.
 
+use std::sync::LazyLock;
+
 use super::tiles::Limits;
-use crate::cpu::CpuExecutor;
+use crate::cpu::{CpuExecutor, Shared};
 use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options, cache_folder};
 use crate::network::{Executor, Plan, Precision};
 use crate::sensor::Calibration;
+use crate::system::memory;
 use crate::{Error, Result};
 
 /// What the user asks for.
@@ -28,8 +31,21 @@ pub enum Backend {
     Cpu,
 }
 
-/// What the CPU executor may use for its buffers.
-const CPU_BYTES: u64 = 2 << 30;
+/// What the CPU executor may use for its buffers at most, and where nobody knows how much memory there is. It takes no
+/// more than a quarter of all memory: more makes windows of large frames longer, and saves little.
+const CPU_BYTES: u64 = 8 << 30;
+const CPU_BYTES_UNKNOWN: u64 = 2 << 30;
+
+/// Bytes that steps leave for the next ones on the CPU, as long as that is a frame: they should stay in the second-level
+/// cache (docs/performance.md).
+const CPU_PIECE_BYTES: usize = 2 << 20;
+
+/// What the CPU executor may use for its buffers here.
+fn cpu_bytes() -> u64 {
+    static BYTES: LazyLock<u64> =
+        LazyLock::new(|| memory().map_or(CPU_BYTES_UNKNOWN, |bytes| (bytes / 4).min(CPU_BYTES)));
+    *BYTES
+}
 
 impl Backend {
     /// The backend that a request gets; `adapter` is a part of an adapter's name. The CPU executor knows f32 alone.
@@ -63,6 +79,17 @@ impl Backend {
     /// An executor of `plan`. If it is to be `tuned`, a GPU takes a few seconds, once, to measure how its larger layers
     /// are computed best.
     pub fn executor(&self, plan: Plan, calibration: &Calibration, tuned: bool) -> Result<Box<dyn Executor>> {
+        self.executor_sharing(plan, calibration, tuned, &Shared::default())
+    }
+
+    /// The same for one of many sizes of window of a net: what CPU executors of them have in common is `shared`.
+    pub(super) fn executor_sharing(
+        &self,
+        plan: Plan,
+        calibration: &Calibration,
+        tuned: bool,
+        shared: &Shared<f32>,
+    ) -> Result<Box<dyn Executor>> {
         Ok(match self {
             Self::Gpu(gpu, precision) => {
                 let folder = cache_folder().filter(|_| tuned);
@@ -70,7 +97,7 @@ impl Backend {
                     Options { precision: *precision, tuned_in: folder.as_deref(), ..Options::default() };
                 Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?)
             }
-            Self::Cpu => Box::new(CpuExecutor::<f32>::new(plan, calibration.clone())),
+            Self::Cpu => Box::new(CpuExecutor::sharing(plan, calibration.clone(), shared)),
         })
     }
 
@@ -91,9 +118,12 @@ impl Backend {
     pub fn limits(&self, side: Option<usize>) -> Limits {
         match self {
             Self::Gpu(gpu, _) => {
-                Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), side }
+                // Shaders have places in buffers as constants, so that every piece would be compiled.
+                Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), piece: None, side }
             }
-            Self::Cpu => Limits { buffer: CPU_BYTES, total: CPU_BYTES, side },
+            Self::Cpu => {
+                Limits { buffer: cpu_bytes(), total: cpu_bytes(), piece: Some(CPU_PIECE_BYTES), side }
+            }
         }
     }
 

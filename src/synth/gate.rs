@@ -89,8 +89,8 @@ pub struct Gate<'a> {
     spread: [usize; 2],
     /// Noise as the capture states it.
     stated: Option<Scatter>,
-    /// Frames before and behind that results depend on noticeably: those whose measurements they are made of, not those
-    /// that only tell which to believe.
+    /// Frames ahead that results depend on noticeably: those whose measurements they are made of, not those that only
+    /// tell which to believe. All frames behind count: a result that is kept for long must not remember what has passed.
     noticed: usize,
     memory: Memory<'a>,
     recording: &'a Recording,
@@ -245,11 +245,9 @@ impl<'a> Gate<'a> {
     fn around(&self, k: i64, s: usize) -> Range<i64> {
         let Window { frames, lead, hop } = self.window;
         let slab = self.slab(k, s);
-        let [before, behind] = [lead, frames - lead - hop].map(|reach| match self.skip {
-            Skip::Bounded(_) => reach.min(self.noticed),
-            _ => reach,
-        } as i64);
-        slab.start - before..slab.end + behind
+        let ahead = frames - lead - hop;
+        let ahead = if matches!(self.skip, Skip::Bounded(_)) { ahead.min(self.noticed) } else { ahead };
+        slab.start - lead as i64..slab.end + ahead as i64
     }
 }
 

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 
 use super::Backend;
+use super::tiles::Limits;
 use crate::Result;
-use crate::network::{Executor, Model, Plan, Window};
+use crate::cpu::Shared;
+use crate::network::{Executor, Model, Window};
 use crate::sensor::Calibration;
 
 /// Result frames, rows and columns of a window.
@@ -19,7 +21,9 @@ pub struct Pool {
     entries: HashMap<Size, Entry>,
     /// Counts uses.
     clock: u64,
-    budget: u64,
+    limits: Limits,
+    /// What CPU executors have in common.
+    shared: Shared<f32>,
 }
 
 struct Entry {
@@ -48,7 +52,8 @@ impl Pool {
             calibration: calibration.clone(),
             entries: HashMap::new(),
             clock: 0,
-            budget: backend.limits(None).total,
+            limits: backend.limits(None),
+            shared: Shared::default(),
         }
     }
 
@@ -57,14 +62,14 @@ impl Pool {
         self.clock += 1;
         if !self.entries.contains_key(&size) {
             let [hop, height, width] = size;
-            let plan = Plan::lower(&with_hop(&self.model, hop), height, width)?;
+            let plan = self.limits.plan(&with_hop(&self.model, hop), height, width)?;
             let bytes = plan.slot_bytes(size_of::<f32>()) as u64;
-            while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.budget {
+            while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total {
                 let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
                 let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
                 self.entries.remove(&oldest);
             }
-            let executor = self.backend.executor(plan, &self.calibration, tuned)?;
+            let executor = self.backend.executor_sharing(plan, &self.calibration, tuned, &self.shared)?;
             self.entries.insert(size, Entry { executor, waiting: 0, bytes, used: 0 });
         }
         let entry = self.entries.get_mut(&size).expect("it was inserted above");

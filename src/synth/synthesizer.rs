@@ -84,6 +84,9 @@ pub struct Synthesizer {
 /// Least frames of a cell, and least rows and columns.
 const CELL_FRAMES: usize = 8;
 const CELL_SIDE: usize = 4;
+/// Cells [rows, columns] around one that has changed whose results change noticeably, which was measured
+/// (docs/skipping.md).
+const SPREAD: [usize; 2] = [2, 3];
 /// Bytes of frames that wait between threads.
 const WAITING_BYTES: usize = 64 << 20;
 
@@ -127,7 +130,7 @@ impl Synthesizer {
         let (model, grid) = &fit(model, &calibration, extent, backend.limits(options.side), &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
         let cell_frames = lengths.cell.min(hop);
-        let exact = Cut::exact(&model.graph, &calibration)?;
+        let exact = Cut::exact(&model.graph, &calibration, backend.compiles())?;
         let side = |tile: usize| tile * CELL_SIDE.div_ceil(tile);
         let cells = Cells {
             size: [cell_frames, side(calibration.rows), side(calibration.cols)],
@@ -136,8 +139,11 @@ impl Synthesizer {
             width: grid.width,
             repeat: lcm(cell_frames, calibration.period),
         };
-        let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
-        let spread = [0, 1].map(|axis| cut.halo[axis].div_ceil(cells.size[axis + 1]));
+        let spread = [0, 1].map(|axis| exact.halo[axis].div_ceil(cells.size[axis + 1]));
+        let (cut, spread) = match skip {
+            Skip::Bounded(_) => (exact.bounded(), [0, 1].map(|axis| spread[axis].min(SPREAD[axis]))),
+            _ => (exact, spread),
+        };
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let mut pool = Pool::new(backend, model, &calibration);
         let mut flop = 0.0;
@@ -442,7 +448,7 @@ mod tests {
         let extent = [128, 128];
         let bytes = |hop: usize| Plan::lower(&with_hop(&model, hop), 128, 128).unwrap().slot_bytes(4) as u64;
         let fitted = |total: u64, lengths: &Lengths| {
-            let limits = Limits { buffer: u64::MAX, total, side: None };
+            let limits = Limits { buffer: u64::MAX, total, piece: None, side: None };
             let (model, grid) = fit(&model, &calibration, extent, limits, lengths).unwrap();
             (model.graph.window.hop, grid.tiles().count())
         };

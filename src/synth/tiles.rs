@@ -39,8 +39,17 @@ pub struct Limits {
     pub buffer: u64,
     /// Bytes of all buffers together.
     pub total: u64,
+    /// Bytes that a few steps may leave for each other, if they are to be computed piece by piece.
+    pub piece: Option<usize>,
     /// Longest side of a tile's kept part, in pixels, if the user limits it.
     pub side: Option<usize>,
+}
+
+impl Limits {
+    /// The plan for windows of `model` of `height` × `width` pixels.
+    pub fn plan(&self, model: &Model, height: usize, width: usize) -> Result<Plan, NetworkError> {
+        Plan::in_pieces(model, height, width, self.piece.unwrap_or(usize::MAX))
+    }
 }
 
 impl Grid {
@@ -51,7 +60,8 @@ impl Grid {
         [height, width]: [usize; 2],
         limits: Limits,
     ) -> Result<Self> {
-        let cut = Cut::exact(&model.graph, calibration)?;
+        // Whole frames have one length.
+        let cut = Cut::exact(&model.graph, calibration, false)?;
         let [height, width] = [height.next_multiple_of(cut.unit[0]), width.next_multiple_of(cut.unit[1])];
         let side = limits.side.unwrap_or(usize::MAX);
         let mut parts = [height.div_ceil(side.max(cut.unit[0])), width.div_ceil(side.max(cut.unit[1]))];
@@ -59,7 +69,7 @@ impl Grid {
             let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
             let tallest = rows.iter().map(|s| s.outer_len).max().unwrap_or(0);
             let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
-            let plan = Plan::lower(model, tallest, widest)?;
+            let plan = limits.plan(model, tallest, widest)?;
             let largest = 4 * plan.slots.iter().max().copied().unwrap_or(0) as u64;
             if largest <= limits.buffer && plan.slot_bytes(4) as u64 <= limits.total {
                 return Ok(Self { rows, cols, height, width });
@@ -101,15 +111,18 @@ pub struct Cut {
     pub unit: [usize; 2],
     /// Pixels that a result depends on to each side.
     pub halo: [usize; 2],
+    /// Whether a new length costs much, since shaders are compiled for it: then lengths are rounded up to few.
+    pub few_lengths: bool,
 }
 
 impl Cut {
     /// With all that results depend on, so that they are those of the whole frame to the bit.
-    pub fn exact(graph: &Graph, calibration: &Calibration) -> Result<Self> {
+    pub fn exact(graph: &Graph, calibration: &Calibration, few_lengths: bool) -> Result<Self> {
         let [_, gy, gx] = graph.granularity()?;
         let unit = [crate::math::lcm(gy, calibration.rows), crate::math::lcm(gx, calibration.cols)];
         let [_, ry, rx] = graph.reach()?;
-        Ok(Self { unit, halo: [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])] })
+        let halo = [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])];
+        Ok(Self { unit, halo, few_lengths })
     }
 
     /// With what results depend on noticeably, which was measured (docs/skipping.md). Through layer after layer,
@@ -120,16 +133,15 @@ impl Cut {
             let root = ((self.unit[i] * self.halo[i]) as f64).sqrt();
             ((root / 4.0).ceil() as usize).min(self.halo[i])
         };
-        Self { unit: self.unit, halo: [halo(0), halo(1)] }
+        Self { halo: [halo(0), halo(1)], ..*self }
     }
 
-    /// The stretch that keeps pixels `kept` along `axis` of a frame of `len` pixels. What is computed is rounded up to
-    /// one of few lengths, since every length needs an executor of its own.
+    /// The stretch that keeps pixels `kept` along `axis` of a frame of `len` pixels.
     pub fn place(&self, axis: usize, kept: Range<usize>, len: usize) -> Stretch {
         let (halo, unit) = (self.halo[axis], self.unit[axis]);
         let first = kept.start.saturating_sub(halo) / unit * unit;
         let end = (kept.end + halo).next_multiple_of(unit).min(len);
-        let outer_len = round_up(end - first, unit).min(len);
+        let outer_len = if self.few_lengths { round_up(end - first, unit).min(len) } else { end - first };
         let outer_start = first.min(len - outer_len);
         Stretch { start: kept.start, len: kept.len(), outer_start, outer_len }
     }
@@ -169,8 +181,8 @@ mod tests {
 
     #[test]
     fn a_placed_stretch_sees_all_that_it_needs() {
-        let cut = Cut { unit: [2, 4], halo: [14, 28] };
-        for axis in [0, 1] {
+        let cut = |few_lengths| Cut { unit: [2, 4], halo: [14, 28], few_lengths };
+        for (axis, cut) in [(0, cut(false)), (1, cut(false)), (0, cut(true)), (1, cut(true))] {
             let (unit, len) = (cut.unit[axis], 240);
             for start in (0..len).step_by(8) {
                 for end in (start + 8..=len).step_by(8) {
