@@ -74,6 +74,8 @@ pub struct Line<'a> {
     queue: VecDeque<Event>,
     /// Results of the windows in the queue, in order.
     results: VecDeque<Video>,
+    /// Memory for results: what of it is delivered is written anew for every window.
+    free: Vec<Video>,
     /// The last result of every cell at each phase of the pattern, where something may be skipped.
     kept: Option<Video>,
     measurement: Vec<f32>,
@@ -113,6 +115,7 @@ impl<'a> Line<'a> {
             start,
             queue: VecDeque::new(),
             results: VecDeque::new(),
+            free: Vec::new(),
             kept: keeps.then(|| Video::black(cells.repeat, extent[0], extent[1])),
             measurement: Vec::new(),
             tile: Vec::new(),
@@ -125,7 +128,9 @@ impl<'a> Line<'a> {
 
     /// Starts to compute `tiles` of a window.
     pub fn submit(&mut self, tiles: Vec<Tile>, seen: &Seen<'_>, window: Submitted) -> Result<()> {
-        self.results.push_back(Video::black(self.window.hop, self.extent[0], self.extent[1]));
+        let [height, width] = self.extent;
+        let result = self.free.pop().unwrap_or_else(|| Video::black(self.window.hop, height, width));
+        self.results.push_back(result);
         for tile in tiles {
             let size = tile.size();
             while !self.pool.is_free(size) {
@@ -169,6 +174,7 @@ impl<'a> Line<'a> {
                 let Some(mut result) = self.results.pop_front() else { return Ok(()) };
                 self.merge(&window, &mut result);
                 self.deliver(window, &result)?;
+                self.free.push(result);
                 self.done.window_times.push(self.finished.elapsed());
                 self.finished = Instant::now();
                 Ok(())
@@ -227,15 +233,17 @@ impl<'a> Line<'a> {
             let active = active.slab(t / cell_frames);
             let (result, kept) = (result.frame_mut(t), kept.frame_mut(phase(t)));
             for y in 0..height {
-                let active = &active[y / cell_rows * self.cells.cols()..];
-                let row = y * width..(y + 1) * width;
-                let pairs = result[row.clone()].chunks_mut(cell_cols).zip(kept[row].chunks_mut(cell_cols));
-                for ((result, kept), active) in pairs.zip(active) {
-                    if *active {
-                        kept.copy_from_slice(result);
+                let active = &active[y / cell_rows * self.cells.cols()..][..self.cells.cols()];
+                let mut x = 0;
+                for same in active.chunk_by(|a, b| a == b) {
+                    let end = (x + same.len() * cell_cols).min(width);
+                    let here = y * width + x.min(width)..y * width + end;
+                    if same[0] {
+                        kept[here.clone()].copy_from_slice(&result[here]);
                     } else {
-                        result.copy_from_slice(kept);
+                        result[here.clone()].copy_from_slice(&kept[here]);
                     }
+                    x = end;
                 }
             }
         }
