@@ -420,7 +420,13 @@ impl Viewer {
             .on_hover_text(tip);
         };
         let now = Instant::now();
-        let median = status.median_ms().map_or("-".into(), |ms| format!("{ms:.2} ms"));
+        let median = match status.median_ms() {
+            None => "-".into(),
+            // Skipping left nothing to compute in most windows.
+            Some(0.0) => "nothing computed".into(),
+            Some(ms) if ms < 0.01 => "below 0.01 ms".into(),
+            Some(ms) => format!("{ms:.2} ms"),
+        };
         line(
             ui,
             "net per frame (median)",
@@ -445,6 +451,13 @@ impl Viewer {
         let computed =
             if status.computed.is_empty() { "-".into() } else { format!("{:.0} %", 100.0 * computed) };
         line(ui, "cells computed", computed, "the others kept their last result (skip)");
+        let drawn = if self.is_drawn_from_gpu() { "where they are" } else { "from main memory" };
+        line(
+            ui,
+            "results drawn",
+            drawn.into(),
+            "where they are: on the GPU that computed them, which draws the window too (--window-device)",
+        );
         let (frames, bytes) = self.engine.store.size();
         line(
             ui,
