@@ -136,6 +136,13 @@ impl Gpu {
         self.device.destroy();
     }
 
+    /// Why the device is gone, if it is, whether or not something has been tried with it.
+    pub fn lost(&self) -> Option<String> {
+        // A loss is reported while polling.
+        let _ = self.device.poll(PollType::Poll);
+        self.check().err().filter(GpuError::is_lost).map(|error| error.to_string())
+    }
+
     /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
     /// fails after it.
     pub fn check(&self) -> Result<(), GpuError> {

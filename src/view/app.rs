@@ -20,7 +20,7 @@ use super::screen::Screen;
 use super::source::{Opening, Request};
 use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
 use super::tone::ToneTable;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::Gpu;
 use crate::synth::{self, Backend};
 use crate::video::PreviewWriter;
 use crate::{Error, Result};
@@ -157,11 +157,9 @@ pub struct Viewer {
     pub(super) messages: VecDeque<Message>,
     pub(super) actions: Vec<Action>,
     pub(super) bindings: Vec<Binding>,
-    most_passes: f64,
     /// The GPU that synthesises and draws the window.
     shared: Option<Gpu>,
-    /// Whether the window is new.
-    fresh: bool,
+    pub(super) drawing: Drawing,
     /// Whether the next frame was not there yet.
     waits: bool,
     start: Start,
@@ -169,6 +167,26 @@ pub struct Viewer {
     saved: Settings,
     last: Instant,
     measured: Measured,
+}
+
+/// How the window is drawn.
+pub(super) struct Drawing {
+    /// Whether it was not drawn yet.
+    is_new: bool,
+    /// Whether it has the panels' colour before anything is drawn.
+    pub(super) is_cleared: bool,
+    /// Whether software draws it.
+    is_software: bool,
+}
+
+impl Drawing {
+    /// A new window.
+    const NEW: Self = Self { is_new: true, is_cleared: false, is_software: false };
+
+    /// Passes per second at most.
+    fn most_passes(&self) -> f64 {
+        if self.is_software { PASSES_OF_SOFTWARE } else { PASSES }
+    }
 }
 
 /// Times of the interface's passes.
@@ -203,9 +221,8 @@ impl Viewer {
             messages: VecDeque::new(),
             actions: Vec::new(),
             bindings: bindings(),
-            most_passes: PASSES,
             shared,
-            fresh: true,
+            drawing: Drawing::NEW,
             waits: false,
             start,
             jobs: channel(),
@@ -228,11 +245,7 @@ impl Viewer {
 
     /// Why the GPU that draws the window is gone, if it is.
     pub fn lost(&self) -> Option<String> {
-        self.shared
-            .as_ref()
-            .and_then(|gpu| gpu.check().err())
-            .filter(GpuError::is_lost)
-            .map(|error| error.to_string())
+        self.shared.as_ref().and_then(Gpu::lost)
     }
 
     /// Goes on in a new window, which `shared` draws, after the last one's GPU was lost.
@@ -241,7 +254,7 @@ impl Viewer {
         self.engine.share(shared.clone(), self.state.clock.frame());
         self.shared = shared;
         self.shown = None;
-        self.fresh = true;
+        self.drawing = Drawing::NEW;
     }
 
     /// The frame that is shown.
@@ -255,8 +268,7 @@ impl Viewer {
             state.device.on_uncaptured_error(Arc::new(|error| tracing::error!("the window: {error}")));
         }
         Screen::install(state);
-        let is_software = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
-        self.most_passes = if is_software { PASSES_OF_SOFTWARE } else { PASSES };
+        self.drawing.is_software = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
     }
 
     /// Draws one pass of the interface, and does what the user wanted in it.
@@ -316,7 +328,7 @@ impl Viewer {
             burst: self.status.hop.max(1),
         };
         // A frame that was waited for has its time before it, not behind it.
-        let passed = if self.waits { seconds.min(1.0 / self.most_passes) } else { seconds };
+        let passed = if self.waits { seconds.min(1.0 / self.drawing.most_passes()) } else { seconds };
         let effect = self.state.advance(passed, self.reach);
         self.carry_out(effect, ctx);
         let frame = self.state.clock.frame();
@@ -365,7 +377,7 @@ impl Viewer {
     /// Takes over, at first, how large everything was drawn last time, and remembers it and the window's size.
     fn remember_window(&mut self, ctx: &egui::Context) {
         let settings = &mut self.state.settings;
-        if std::mem::take(&mut self.fresh) {
+        if std::mem::take(&mut self.drawing.is_new) {
             ctx.set_zoom_factor(settings.scale);
             self.engine.on_news({
                 let ctx = ctx.clone();
@@ -393,7 +405,7 @@ impl Viewer {
         let ends = self.status.about.frames.is_some_and(|frames| next >= frames);
         self.waits = playing && !ends && !self.engine.is_there(next) && self.engine.store.span().is_some();
         let pause = if playing && !self.waits {
-            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.most_passes))
+            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.drawing.most_passes()))
         } else if self.status.phase == Phase::Preparing || self.shown.is_none() {
             Duration::from_millis(50)
         } else {
@@ -586,13 +598,20 @@ struct Window {
 }
 
 impl eframe::App for Window {
-    /// What is around pictures; they need not be filled then, which counts where software draws.
-    fn clear_color(&self, _: &egui::Visuals) -> [f32; 4] {
-        [0.0, 0.0, 0.0, 1.0]
+    /// What panels are filled with: where software draws, filling them costs as much as all that they hold.
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
     }
 
-    fn ui(&mut self, ui: &mut egui::Ui, _: &mut eframe::Frame) {
+    fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
         if let Some(viewer) = &mut self.viewer {
+            if viewer.drawing.is_new && viewer.drawing.is_software {
+                // There is no screen to wait for, and what is drawn by software should not queue as well.
+                frame.set_wgpu_surface_config(egui_wgpu::SurfaceConfig {
+                    present_mode: wgpu::PresentMode::AutoNoVsync,
+                    desired_maximum_frame_latency: Some(1),
+                });
+            }
             viewer.show(ui);
         }
     }
@@ -608,7 +627,7 @@ pub fn run(start: Start) -> Result<Pace> {
     if !has_display() {
         return Err(no_window("there is no display"));
     }
-    let shared = start.shared_gpu(&start.dials)?;
+    let shared = if may_be_reached() { start.shared_gpu(&start.dials)? } else { None };
     let mut viewer = Viewer::new(start, begun, shared);
     for _ in 0..=REOPENINGS {
         viewer = open_window(viewer)?;
@@ -652,8 +671,12 @@ fn open_window(viewer: Viewer) -> Result<Viewer> {
             let back = Rc::clone(&back);
             move |context| {
                 let mut viewer = viewer;
+                viewer.drawing.is_cleared = true;
                 if let Some(state) = &context.wgpu_render_state {
                     viewer.drawn_by(state);
+                    // Smooth edges are many small triangles.
+                    let smooth = !viewer.drawing.is_software;
+                    context.egui_ctx.tessellation_options_mut(|options| options.feathering = smooth);
                 }
                 Ok(Box::new(Window { viewer: Some(viewer), back }))
             }
@@ -690,6 +713,16 @@ fn has_display() -> bool {
         || is("DISPLAY")
         || is("WAYLAND_DISPLAY")
         || is("WAYLAND_SOCKET")
+}
+
+/// Whether it makes sense to open a GPU for a window: where a display of this machine has no socket there will be none,
+/// and drivers may have more to say about it than one line.
+fn may_be_reached() -> bool {
+    let display = std::env::var("DISPLAY").unwrap_or_default();
+    let number = display.strip_prefix(':').and_then(|rest| rest.split('.').next());
+    cfg!(not(target_os = "linux"))
+        || std::env::var_os("WAYLAND_DISPLAY").is_some()
+        || number.is_none_or(|number| std::path::Path::new(&format!("/tmp/.X11-unix/X{number}")).exists())
 }
 
 fn no_window(problem: &str) -> Error {

@@ -39,15 +39,19 @@ impl Viewer {
     pub(super) fn draw(&mut self, ui: &mut Ui) {
         self.set_theme(ui.ctx());
         let size = ui.available_size();
-        Panel::top("top").show(ui, |ui| self.draw_top(ui));
-        Panel::bottom("time").show(ui, |ui| self.draw_time(ui));
+        let mut frame = Frame::side_top_panel(ui.style());
+        if self.drawing.is_cleared {
+            frame.fill = Color32::TRANSPARENT;
+        }
+        Panel::top("top").frame(frame).show(ui, |ui| self.draw_top(ui));
+        Panel::bottom("time").frame(frame).show(ui, |ui| self.draw_time(ui));
         if self.state.settings.series && size.y > ROOM_FOR_SERIES {
-            Panel::bottom("series").resizable(true).default_size(170.0).min_size(90.0).show(ui, |ui| {
-                self.draw_series(ui);
-            });
+            let panel = Panel::bottom("series").frame(frame).resizable(true);
+            panel.default_size(170.0).min_size(90.0).show(ui, |ui| self.draw_series(ui));
         }
         if self.state.settings.dials && size.x > ROOM_FOR_DIALS {
-            Panel::right("dials").resizable(false).exact_size(250.0).show(ui, |ui| {
+            let panel = Panel::right("dials").frame(frame).resizable(false);
+            panel.exact_size(250.0).show(ui, |ui| {
                 ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.draw_dials(ui));
             });
         }

@@ -110,12 +110,16 @@ impl Viewer {
     /// Draws a picture into `pane`, as much of it as `clip` lets be seen.
     fn draw_pane(&mut self, ui: &Ui, pane: Rect, clip: Rect, i: usize, picture: Picture) {
         let painter = ui.painter_at(clip);
-        let Some(frame) = self.shown.clone() else { return };
+        let Some(frame) = self.shown.clone() else {
+            painter.rect_filled(clip, 0.0, Color32::BLACK);
+            return;
+        };
         let (extent, size) = ([frame.height, frame.width], [pane.width(), pane.height()]);
         self.state.drawn = (extent, size);
         let placement = self.state.look.place(extent, size);
         let density = ui.ctx().pixels_per_point();
         if !picture.is_there(&frame) {
+            painter.rect_filled(clip, 0.0, Color32::BLACK);
             let text = if self.status.recording.is_none() {
                 "a plain video has only its frames"
             } else if frame.ours.is_none() {
@@ -147,8 +151,8 @@ impl Viewer {
                 marked: self.state.settings.overlay,
             };
             // Pixels are seen as such where they are large.
-            let painting = Painting { pane: i, shown, rect, sharp: step * density >= 2.0 };
-            painter.add(Callback::new_paint_callback(rect.intersect(clip), painting));
+            let painting = Painting { pane: i, shown, rect, around: clip, sharp: step * density >= 2.0 };
+            painter.add(Callback::new_paint_callback(clip, painting));
             if placement.scale >= VALUES_FROM {
                 self.draw_values(&painter, pane, placement, &frame, picture, &part);
             }

@@ -8,7 +8,7 @@ use std::fmt::Write;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
-use eframe::egui::{PaintCallbackInfo, Rect};
+use eframe::egui::{PaintCallbackInfo, Pos2, Rect};
 use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use wgpu::util::DeviceExt;
 use wgpu::{
@@ -55,6 +55,8 @@ pub(super) struct Painting {
     pub(super) shown: Shown,
     /// Where the part is, in points of the screen.
     pub(super) rect: Rect,
+    /// What of the screen shows it, black around it.
+    pub(super) around: Rect,
     /// Whether its pixels are seen as such, instead of being interpolated.
     pub(super) sharp: bool,
 }
@@ -264,7 +266,7 @@ impl Screen {
         screen: &ScreenDescriptor,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let Painting { pane, shown, rect, .. } = painting;
+        let Painting { pane, shown, rect, around, .. } = painting;
         if self.panes.len() <= *pane {
             self.panes.resize_with(pane + 1, || None);
         }
@@ -275,13 +277,12 @@ impl Screen {
         };
         if let Some(drawn) = &drawn {
             let [width, height] = screen.size_in_pixels.map(|side| side as f32 / screen.pixels_per_point);
-            let place = [
-                2.0 * rect.left() / width - 1.0,
-                1.0 - 2.0 * rect.top() / height,
-                2.0 * rect.right() / width - 1.0,
-                1.0 - 2.0 * rect.bottom() / height,
-            ];
-            queue.write_buffer(&drawn.place, 0, bytemuck::cast_slice(&place));
+            let place = |at: Pos2| [2.0 * at.x / width - 1.0, 1.0 - 2.0 * at.y / height];
+            let within =
+                |at: Pos2| [(at.x - rect.left()) / rect.width(), (at.y - rect.top()) / rect.height()];
+            let corners = [around.min, around.max];
+            let place = [corners.map(place), corners.map(within)];
+            queue.write_buffer(&drawn.place, 0, bytemuck::cast_slice(place.as_flattened()));
         }
         self.panes[*pane] = drawn;
     }
@@ -408,7 +409,7 @@ impl Screen {
             })
         };
         let part = uniform("part", size_of::<PartUniform>() as u64);
-        let place = uniform("place", 16);
+        let place = uniform("place", 32);
         let layout = self.drawing.get_bind_group_layout(0);
         let bindings = [0, 1].map(|sharp| {
             let sampler = BindingResource::Sampler(&self.samplers[sharp]);
@@ -537,7 +538,7 @@ mod tests {
     fn drawn(screen: &mut Screen, queue: &wgpu::Queue, shown: &Shown) -> Vec<u8> {
         let [rows, cols] = shown.part.extent();
         let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(cols as f32, rows as f32));
-        let painting = Painting { pane: 0, shown: shown.clone(), rect, sharp: true };
+        let painting = Painting { pane: 0, shown: shown.clone(), rect, around: rect, sharp: true };
         let size = [cols as u32, rows as u32];
         let descriptor = ScreenDescriptor { size_in_pixels: size, pixels_per_point: 1.0 };
         let device = screen.device.clone();
