@@ -639,9 +639,11 @@ fn a_window_whose_device_is_lost_is_opened_anew() {
     viewer.reopen(Some(next.clone()), &problem);
     viewer.drawn_by(&render_state(&next));
     assert!(viewer.lost().is_none());
+    // A message is measured before it is shown.
+    interface.harness.run_steps(3);
+    interface.harness.get_by_label_contains("the window was opened anew");
     interface.until("a result", Viewer::is_drawn_from_gpu);
     assert!(!closes(&interface));
-    interface.harness.get_by_label_contains("the window was opened anew");
 }
 
 /// Steps of 256 by which a value of an image may differ from its snapshot, and the part of them that may differ by
