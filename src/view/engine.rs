@@ -29,7 +29,7 @@ const REBUILDS: usize = 3;
 
 /// By how much the engine is nicer than the interface.
 #[cfg(target_os = "linux")]
-const NICENESS: i32 = 10;
+const NICENESS: i32 = 5;
 
 /// How long a viewer that is closed waits for the engine.
 const FAREWELL: Duration = Duration::from_secs(2);

@@ -111,7 +111,7 @@ impl Viewer {
     fn draw_pane(&mut self, ui: &Ui, pane: Rect, clip: Rect, i: usize, picture: Picture) {
         let painter = ui.painter_at(clip);
         let Some(frame) = self.shown.clone() else {
-            painter.rect_filled(clip, 0.0, Color32::BLACK);
+            paint_black(&painter, clip, i);
             return;
         };
         let (extent, size) = ([frame.height, frame.width], [pane.width(), pane.height()]);
@@ -119,7 +119,7 @@ impl Viewer {
         let placement = self.state.look.place(extent, size);
         let density = ui.ctx().pixels_per_point();
         if !picture.is_there(&frame) {
-            painter.rect_filled(clip, 0.0, Color32::BLACK);
+            paint_black(&painter, clip, i);
             let text = if self.status.recording.is_none() {
                 "a plain video has only its frames"
             } else if frame.ours.is_none() {
@@ -151,7 +151,8 @@ impl Viewer {
                 marked: self.state.settings.overlay,
             };
             // Pixels are seen as such where they are large.
-            let painting = Painting { pane: i, shown, rect, around: clip, sharp: step * density >= 2.0 };
+            let painting =
+                Painting { pane: i, shown: Some(shown), rect, around: clip, sharp: step * density >= 2.0 };
             painter.add(Callback::new_paint_callback(clip, painting));
             if placement.scale >= VALUES_FROM {
                 self.draw_values(&painter, pane, placement, &frame, picture, &part);
@@ -250,6 +251,12 @@ impl Viewer {
             _ => {}
         }
     }
+}
+
+/// A pane without a picture.
+fn paint_black(painter: &Painter, area: Rect, pane: usize) {
+    let painting = Painting { pane, shown: None, rect: area, around: area, sharp: true };
+    painter.add(Callback::new_paint_callback(area, painting));
 }
 
 /// Text on a picture, readable on anything.

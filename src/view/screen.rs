@@ -52,7 +52,8 @@ impl PartialEq for Shown {
 pub(super) struct Painting {
     /// Number of the pane.
     pub(super) pane: usize,
-    pub(super) shown: Shown,
+    /// What it shows; nothing is black.
+    pub(super) shown: Option<Shown>,
     /// Where the part is, in points of the screen.
     pub(super) rect: Rect,
     /// What of the screen shows it, black around it.
@@ -107,7 +108,7 @@ pub struct Screen {
 
 /// A pane's picture as it was last drawn.
 struct Drawn {
-    shown: Shown,
+    shown: Option<Shown>,
     texture: wgpu::Texture,
     view: wgpu::TextureView,
     part: wgpu::Buffer,
@@ -273,7 +274,11 @@ impl Screen {
         let last = self.panes[*pane].take();
         let drawn = match last {
             Some(drawn) if drawn.shown == *shown => Some(drawn),
-            last => self.colour(shown, last, queue, encoder),
+            last => match shown {
+                Some(shown) => self.colour(shown, last, queue, encoder),
+                // A new texture is black.
+                None => Some(self.target(None, [1, 1])),
+            },
         };
         if let Some(drawn) = &drawn {
             let [width, height] = screen.size_in_pixels.map(|side| side as f32 / screen.pixels_per_point);
@@ -363,9 +368,9 @@ impl Screen {
             Some(drawn)
                 if [drawn.texture.height(), drawn.texture.width()] == [uniform.rows, uniform.cols] =>
             {
-                Drawn { shown: shown.clone(), ..drawn }
+                Drawn { shown: Some(shown.clone()), ..drawn }
             }
-            _ => self.target(shown, [rows, cols]),
+            _ => self.target(Some(shown), [rows, cols]),
         };
         queue.write_buffer(&target.part, 0, bytemuck::bytes_of(&uniform));
         let buffers = [&target.part, &plane.buffer, &other.buffer, &table, &sources, &computed];
@@ -388,7 +393,7 @@ impl Screen {
     }
 
     /// A texture for a picture of `rows` × `cols` pixels.
-    fn target(&self, shown: &Shown, [rows, cols]: [usize; 2]) -> Drawn {
+    fn target(&self, shown: Option<&Shown>, [rows, cols]: [usize; 2]) -> Drawn {
         let texture = self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("picture"),
             size: wgpu::Extent3d { width: cols as u32, height: rows as u32, depth_or_array_layers: 1 },
@@ -423,7 +428,7 @@ impl Screen {
                 ],
             })
         });
-        Drawn { shown: shown.clone(), texture, view, part, place, bindings }
+        Drawn { shown: shown.cloned(), texture, view, part, place, bindings }
     }
 
     /// A plane of `frame`: where the GPU left it, or uploaded. `None` if there is none, or if it is too large.
@@ -538,7 +543,7 @@ mod tests {
     fn drawn(screen: &mut Screen, queue: &wgpu::Queue, shown: &Shown) -> Vec<u8> {
         let [rows, cols] = shown.part.extent();
         let rect = Rect::from_min_size(pos2(0.0, 0.0), vec2(cols as f32, rows as f32));
-        let painting = Painting { pane: 0, shown: shown.clone(), rect, around: rect, sharp: true };
+        let painting = Painting { pane: 0, shown: Some(shown.clone()), rect, around: rect, sharp: true };
         let size = [cols as u32, rows as u32];
         let descriptor = ScreenDescriptor { size_in_pixels: size, pixels_per_point: 1.0 };
         let device = screen.device.clone();
