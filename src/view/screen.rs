@@ -603,7 +603,7 @@ mod tests {
         let raw = (0..height * width).map(|i| (i * 7919 % 1024) as f32 / 1023.0).collect();
         let active = Active { extent: [1, height.div_ceil(4), width.div_ceil(4)], cells: Vec::new() };
         let cells = active.extent.iter().product();
-        let active = Active { cells: (0..cells).map(|i: usize| i % 3 == 0).collect(), ..active };
+        let active = Active { cells: (0..cells).map(|i: usize| i.is_multiple_of(3)).collect(), ..active };
         Frame {
             number: 0,
             height,
