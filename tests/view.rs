@@ -5,19 +5,22 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Key, Modifiers};
+use eframe::egui_wgpu::{self, RenderState};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
+use pix2hdr::gpu::{AdapterChoice, Gpu};
 use pix2hdr::network::Precision;
 use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use pix2hdr::synth::{Backend, Request as Executor, Skip, Synthesizer};
 use pix2hdr::video::{self, Video, Writing};
+use pix2hdr::view::clock::Reach;
 use pix2hdr::view::engine::{Dials, Engine, Phase, Status};
 use pix2hdr::view::picture::Picture;
 use pix2hdr::view::source::{Opening, Request};
 use pix2hdr::view::state::{Action, Arrangement, Settings};
 use pix2hdr::view::tone::Curve;
-use pix2hdr::view::{Start, Viewer};
+use pix2hdr::view::{Start, Viewer, WindowDevice};
 
 const EXTENT: [usize; 2] = [24, 32];
 /// Long enough for the slowest machine; nothing waits for as long where all is well.
@@ -299,30 +302,161 @@ fn captures_that_hold_have_their_truth_and_videos_can_be_plain() {
     assert!(frame.mosaic.is_none() && frame.truth.is_none());
 }
 
+/// An array of counts alone is no video; what it lacks can be said.
+#[test]
+fn a_bare_array_is_a_capture_if_its_pattern_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, capture, _) = capture(folder.path(), 40);
+    let bare = folder.path().join("bare.npy");
+    std::fs::copy(path.join("capture.npy"), &bare).unwrap();
+    let engine = Engine::start(opening(), Request::Path(bare.clone()), dials(), 1 << 24);
+    let problem = wait("a message", || failure(&engine.status()));
+    assert!(problem.contains("bare.json") && problem.contains("--pattern"), "{problem}");
+    let keys = serde_json::json!({ "pattern": "mpve-1-4", "bit_depth": 10 });
+    let named = Opening { keys: keys.as_object().unwrap().clone(), ..opening() };
+    let engine = Engine::start(named, Request::Path(bare), dials(), 1 << 24);
+    let frame = wait("a frame", || {
+        assert_eq!(failure(&engine.status()), None);
+        engine.store.at(12).filter(|frame| frame.number == 12)
+    });
+    assert_eq!(frame.mosaic.as_deref(), Some(capture.measurement().frame(12)));
+}
+
+/// Software Vulkan, or whatever GPU there is.
+fn gpu() -> Gpu {
+    Gpu::open(&AdapterChoice { substring: None, allow_software: true }).unwrap()
+}
+
+/// What egui draws with on the device of `gpu`.
+fn render_state(gpu: &Gpu) -> RenderState {
+    let (instance, adapter, device, queue) = gpu.parts();
+    let existing = egui_wgpu::WgpuSetupExisting { instance: instance.clone(), adapter, device, queue };
+    let config = egui_wgpu::WgpuConfiguration { wgpu_setup: existing.into(), ..Default::default() };
+    let options = egui_wgpu::RendererOptions::PREDICTABLE;
+    pollster::block_on(RenderState::create(&config, &instance, None, options)).unwrap()
+}
+
+/// Gives egui's renderer the fonts that the harness has.
+struct Textures(Option<RenderState>);
+
+impl egui_kittest::TestRenderer for Textures {
+    fn handle_delta(&mut self, delta: &mut egui::TexturesDelta) {
+        let Some(RenderState { device, queue, renderer, .. }) = &self.0 else {
+            delta.clear();
+            return;
+        };
+        let mut renderer = renderer.write();
+        for (id, images) in delta.set.drain() {
+            images.iter().for_each(|image| renderer.update_texture(device, queue, id, image));
+        }
+        delta.free.drain().for_each(|id| renderer.free_texture(&id));
+    }
+}
+
+/// Width, height, and R, G, B of every pixel.
+type Image = (usize, usize, Vec<u8>);
+
+/// What a screen would show after the last pass.
+fn image(interface: &Interface) -> Image {
+    let RenderState { device, queue, renderer, target_format, .. } = interface.state.as_ref().unwrap();
+    let ctx = &interface.harness.ctx;
+    let jobs = ctx.tessellate(interface.harness.output().shapes.clone(), 1.0);
+    let size = ctx.content_rect().size();
+    let [width, height] = [size.x as u32, size.y as u32];
+    let screen = egui_wgpu::ScreenDescriptor { size_in_pixels: [width, height], pixels_per_point: 1.0 };
+    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    let more = renderer.write().update_buffers(device, queue, &mut encoder, &jobs, &screen);
+    let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let target = device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: extent,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: *target_format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let view = target.create_view(&wgpu::TextureViewDescriptor::default());
+    let attachment = wgpu::RenderPassColorAttachment {
+        view: &view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations::default(),
+    };
+    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        color_attachments: &[Some(attachment)],
+        ..Default::default()
+    });
+    renderer.read().render(&mut pass.forget_lifetime(), &jobs, &screen);
+    let pitch = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+    let copy = device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: u64::from(pitch * height),
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    });
+    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(pitch), rows_per_image: None };
+    let to = wgpu::TexelCopyBufferInfo { buffer: &copy, layout };
+    encoder.copy_texture_to_buffer(target.as_image_copy(), to, extent);
+    queue.submit(more.into_iter().chain([encoder.finish()]));
+    copy.map_async(wgpu::MapMode::Read, .., |mapped| mapped.unwrap());
+    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+    let bytes = copy.get_mapped_range(..).unwrap();
+    let row =
+        |row: &[u8]| row[..4 * width as usize].chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    let mut pixels: Vec<u8> = bytes.chunks(pitch as usize).flat_map(row).collect();
+    // The source's name is another one in every run.
+    let [rows, cols] = [0..34, 72..206];
+    for y in rows {
+        pixels[3 * (y * width as usize + cols.start)..][..3 * cols.len()].fill(0);
+    }
+    (width as usize, height as usize, pixels)
+}
+
 /// The interface, driven through its accessibility tree.
 struct Interface {
     harness: Harness<'static, Viewer>,
     folder: tempfile::TempDir,
+    /// What draws it, if anything does.
+    state: Option<RenderState>,
 }
 
 impl Interface {
     fn new(size: [f32; 2], frames: usize) -> Self {
+        Self::with(size, frames, dials(), None, None)
+    }
+
+    /// An interface that a device draws; where it is `shared`, the dials' executor may compute there.
+    fn with(
+        size: [f32; 2],
+        frames: usize,
+        dials: Dials,
+        state: Option<RenderState>,
+        shared: Option<Gpu>,
+    ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let truth = folder.path().join("truth.npy");
         video::write(&truth, &scene(frames), Writing::default()).unwrap();
         let start = Start {
             request: Request::Path(truth),
             opening: opening(),
-            dials: dials(),
+            dials,
             out: folder.path().join("out"),
             settings: Some(folder.path().join("view.json")),
             rate: Some(1.0),
             seconds: None,
+            device: WindowDevice::Auto,
         };
+        let mut viewer = Viewer::new(start, Instant::now(), shared);
+        if let Some(state) = &state {
+            viewer.drawn_by(state);
+        }
         let harness = Harness::builder()
             .with_size(egui::Vec2::from(size))
-            .build_ui_state(|ui, viewer: &mut Viewer| viewer.show(ui), Viewer::new(start, Instant::now()));
-        let mut interface = Self { harness, folder };
+            .renderer(Textures(state.clone()))
+            .build_ui_state(|ui, viewer: &mut Viewer| viewer.show(ui), viewer);
+        let mut interface = Self { harness, folder, state };
         interface.until("a picture", |viewer| viewer.shown().is_some());
         interface
     }
@@ -402,7 +536,7 @@ fn every_view_draws_at_every_size() {
         for arrangement in Arrangement::ALL {
             for (i, picture) in Picture::ALL.into_iter().enumerate() {
                 let viewer = interface.harness.state_mut();
-                let reach = pix2hdr::view::clock::Reach { span: None, frames: None, burst: 1 };
+                let reach = Reach { span: None, frames: None, burst: 1 };
                 viewer.state.apply(Action::Arrange(arrangement), reach);
                 viewer.state.apply(Action::Show(i % arrangement.panes(), picture), reach);
                 viewer.state.apply(Action::NextCurve, reach);
@@ -413,7 +547,7 @@ fn every_view_draws_at_every_size() {
             [Action::Zoom(40.0, None), Action::Pan([-1e5, 1e5]), Action::Fit, Action::Zoom(1e-6, None)]
         {
             let viewer = interface.harness.state_mut();
-            let reach = pix2hdr::view::clock::Reach { span: None, frames: None, burst: 1 };
+            let reach = Reach { span: None, frames: None, burst: 1 };
             viewer.state.apply(action, reach);
             interface.harness.step();
         }
@@ -437,6 +571,123 @@ fn frames_and_ranges_are_written_and_settings_remembered() {
     let (settings, path) = (interface.settings().clone(), interface.folder.path().join("view.json"));
     drop(interface.harness);
     assert_eq!(Settings::read(&path), settings);
+}
+
+const ALL: Reach = Reach { span: Some([0, 23]), frames: Some(24), burst: 8 };
+
+/// Stops at frame 12, and shows what `actions` want of it.
+fn look(interface: &mut Interface, actions: &[Action]) {
+    for action in [Action::GoTo(12)].iter().chain(actions) {
+        interface.harness.state_mut().state.apply(action.clone(), ALL);
+    }
+    interface.harness.state_mut().state.clock.playing = false;
+    interface.until("frame 12", |viewer| viewer.shown().is_some_and(|frame| frame.number == 12));
+    interface.harness.run_steps(3);
+}
+
+/// A window on the device that synthesises shows what one on a device of its own does, without results in main memory.
+#[test]
+fn a_window_on_the_device_that_synthesises_shows_the_same() {
+    let on_gpu = Dials { weights: "tiny".into(), executor: Executor::Gpu, ..dials() };
+    let shared = gpu().shared();
+    let state = Some(render_state(&shared));
+    let mut interface = Interface::with([700.0, 500.0], 24, on_gpu.clone(), state, Some(shared.clone()));
+    let mut other = Interface::with([700.0, 500.0], 24, on_gpu, Some(render_state(&gpu())), None);
+    for actions in [
+        &[Action::Dials][..],
+        &[Action::Show(0, Picture::Difference), Action::Curve(Curve::FalseColour)],
+        &[Action::Arrange(Arrangement::Divider), Action::Zoom(7.0, None), Action::Clipping],
+    ] {
+        look(&mut interface, actions);
+        look(&mut other, actions);
+        assert!(interface.harness.state().is_drawn_from_gpu() && !other.harness.state().is_drawn_from_gpu());
+        let (a, b) = (image(&interface), image(&other));
+        let most = a.2.iter().zip(&b.2).map(|(a, b)| a.abs_diff(*b)).max();
+        assert_eq!((a.0, a.1, a.2.len()), (700, 500, b.2.len()));
+        assert!(most <= Some(1) && a.2.iter().any(|v| *v > 100), "{most:?} for {actions:?}");
+    }
+    shared.check().unwrap();
+    // What is put together in main memory is drawn from there.
+    interface.harness.key_press(Key::Z);
+    interface.harness.run_steps(2);
+    assert_ne!(interface.harness.state().state.dials.skip, Skip::Off);
+    interface.until("a frame from main memory", |viewer| {
+        viewer.shown().is_some_and(|frame| frame.number >= 12 && frame.on_gpu.is_none())
+    });
+}
+
+/// The device that draws and synthesises goes: the window is closed, and the next one shows results again.
+#[test]
+fn a_window_whose_device_is_lost_is_opened_anew() {
+    let on_gpu = Dials { weights: "tiny".into(), executor: Executor::Gpu, ..dials() };
+    let lost = gpu().shared();
+    let mut interface =
+        Interface::with([700.0, 500.0], 24, on_gpu, Some(render_state(&lost)), Some(lost.clone()));
+    interface.until("a result", Viewer::is_drawn_from_gpu);
+    assert!(interface.harness.state().lost().is_none());
+    lost.destroy();
+    interface.until("the loss", |viewer| viewer.lost().is_some());
+    interface.harness.step();
+    let closes = |interface: &Interface| {
+        let output = interface.harness.output().viewport_output.values();
+        output.flat_map(|viewport| &viewport.commands).any(|c| *c == egui::ViewportCommand::Close)
+    };
+    assert!(closes(&interface));
+    let next = gpu().shared();
+    let viewer = interface.harness.state_mut();
+    let problem = viewer.lost().unwrap();
+    viewer.reopen(Some(next.clone()), &problem);
+    viewer.drawn_by(&render_state(&next));
+    assert!(viewer.lost().is_none());
+    // A message is measured before it is shown.
+    interface.harness.run_steps(3);
+    interface.harness.get_by_label_contains("the window was opened anew");
+    interface.until("a result", Viewer::is_drawn_from_gpu);
+    assert!(!closes(&interface));
+}
+
+/// Steps of 256 by which a value of an image may differ from its snapshot, and the part of them that may differ by
+/// more: text and edges are not drawn alike by every driver.
+const STEPS: u8 = 12;
+const PART: f64 = 0.01;
+
+/// Compares an image with a snapshot; `UPDATE_SNAPSHOTS=1` writes it anew.
+fn check_image(interface: &Interface, name: &str) {
+    let path = Path::new("tests/snapshots").join(format!("{name}.png"));
+    let (width, height, found) = image(interface);
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
+        video::png::write_rgb(&path, found.as_chunks::<3>().0, width).unwrap();
+    }
+    let file = std::io::BufReader::new(std::fs::File::open(&path).unwrap());
+    let mut reader = png::Decoder::new(file).read_info().unwrap();
+    let mut expected = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut expected).unwrap();
+    assert_eq!(expected.len(), 3 * width * height, "{name}");
+    let differ = expected.iter().zip(&found).filter(|(a, b)| a.abs_diff(**b) > STEPS).count();
+    let part = differ as f64 / found.len() as f64;
+    if part > PART {
+        let beside = std::env::temp_dir().join(format!("{name}.png"));
+        video::png::write_rgb(&beside, found.as_chunks::<3>().0, width).unwrap();
+        panic!("{name}: {:.1}% of the image differ; it is in {}", 100.0 * part, beside.display());
+    }
+}
+
+/// Panes, divider, time series and keys as they look.
+#[test]
+fn the_main_views_look_as_they_did() {
+    let state = Some(render_state(&gpu()));
+    let mut interface = Interface::with([860.0, 560.0], 24, dials(), state, None);
+    interface.until("all frames", |viewer| viewer.status().phase == Phase::Finished);
+    look(&mut interface, &[Action::Dials]);
+    check_image(&interface, "four-panes");
+    let difference = Action::Show(1, Picture::Difference);
+    look(&mut interface, &[Action::Arrange(Arrangement::Divider), difference, Action::Clipping]);
+    check_image(&interface, "divider");
+    let [pair, sub_frames] = [Action::Arrange(Arrangement::Pair), Action::Show(0, Picture::SubFrames)];
+    let picks = [Action::Pick([12, 9]), Action::Pick([5, 20])];
+    let curve = Action::Curve(Curve::FalseColour);
+    look(&mut interface, &[vec![pair, sub_frames, curve], picks.to_vec()].concat());
+    check_image(&interface, "series");
 }
 
 /// Points by which what a panel holds may lie elsewhere than in its snapshot.
@@ -492,7 +743,7 @@ fn check_layout(interface: &Interface, name: &str) {
 fn the_main_panels_are_laid_out_as_they_were() {
     let mut interface = Interface::new([1280.0, 800.0], 24);
     interface.until("all frames", |viewer| viewer.status().phase == Phase::Finished);
-    let reach = pix2hdr::view::clock::Reach { span: Some([0, 23]), frames: Some(24), burst: 8 };
+    let reach = Reach { span: Some([0, 23]), frames: Some(24), burst: 8 };
     let mut check = |name: &str, actions: &[Action]| {
         for action in actions {
             interface.harness.state_mut().state.apply(action.clone(), reach);
@@ -533,7 +784,7 @@ fn the_interface_goes_on_while_the_engine_is_stuck() {
     let mut interface = Interface::new([800.0, 600.0], 400);
     // The store is emptied and the engine is at work on something else; the last picture stays, and keys work.
     let viewer = interface.harness.state_mut();
-    let reach = pix2hdr::view::clock::Reach { span: None, frames: Some(400), burst: 1 };
+    let reach = Reach { span: None, frames: Some(400), burst: 1 };
     viewer.state.apply(Action::GoTo(390), reach);
     interface.press(Modifiers::NONE, Key::End);
     assert!(interface.harness.state().shown().is_some());

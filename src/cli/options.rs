@@ -162,9 +162,9 @@ impl Engine {
 /// The simulated camera.
 #[derive(Args, Clone, Debug)]
 pub struct Camera {
-    /// Sampling pattern: a built-in name or a JSON file
-    #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
-    pub pattern: String,
+    /// Sampling pattern: a built-in name or a JSON file [default: mpve-1-4]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub pattern: Option<String>,
     /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
     #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
     pub response: ResponseOption,
@@ -224,7 +224,10 @@ impl ResponseOption {
 impl Camera {
     /// The camera simulator.
     pub fn sampler(&self) -> Result<Sampler> {
-        let mut sampler = Sampler::new(Pattern::load(&self.pattern)?, self.response.form()?)?;
+        let mut sampler = Sampler::new(
+            Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?,
+            self.response.form()?,
+        )?;
         if !(self.full_well >= 0.0 && self.read_noise >= 0.0 && self.read_noise.is_finite()) {
             return Err(Error::Usage("--full-well and --read-noise must not be negative".into()));
         }
@@ -238,6 +241,19 @@ impl Camera {
         sampler.schedule_start = self.schedule_start;
         sampler.seed = self.seed;
         Ok(sampler)
+    }
+
+    /// What was said of the camera as keys of `capture.json`, for arrays that have none.
+    pub fn keys(&self) -> Result<Map<String, Value>> {
+        let Self { pattern, response, hold, schedule_start, .. } = self;
+        let given = CaptureOptions {
+            pattern: pattern.clone(),
+            response: Some(response.clone()).filter(|r| !matches!(r, ResponseOption::Form(Form::Linear))),
+            timing: hold.then_some(TimingOption::Hold),
+            schedule_start: Some(*schedule_start).filter(|start| *start != 0),
+            ..CaptureOptions::default()
+        };
+        given.keys()
     }
 }
 

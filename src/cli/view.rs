@@ -9,7 +9,7 @@ use pix2hdr::scene::Speed;
 use pix2hdr::view::engine::Dials;
 use pix2hdr::view::source::{Opening, Request};
 use pix2hdr::view::state::Settings;
-use pix2hdr::view::{self, Start};
+use pix2hdr::view::{self, Start, WindowDevice};
 use serde_json::json;
 
 use super::options::{Camera, Engine};
@@ -53,12 +53,27 @@ pub struct View {
     camera: Camera,
     #[command(flatten)]
     engine: Engine,
+    /// Which wgpu device draws the window
+    #[arg(long, value_enum, default_value_t, value_name = "DEVICE")]
+    window_device: WindowDeviceOption,
     /// Close after so many seconds, and print how the interface kept up
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<f64>,
     /// With --seconds, print one JSON object
     #[arg(long, requires = "seconds")]
     json: bool,
+}
+
+/// What draws the window.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum WindowDeviceOption {
+    /// The GPU that synthesises; one of its own where software or the CPU synthesises
+    #[default]
+    Auto,
+    /// The one that synthesises: results stay on it
+    Shared,
+    /// One of its own: results come from main memory
+    Own,
 }
 
 /// How fast a clip of a panorama moves.
@@ -105,7 +120,7 @@ impl View {
                 extent: [self.height, self.width],
                 seed: self.camera.seed,
                 speed,
-                keys: serde_json::Map::new(),
+                keys: self.camera.keys()?,
                 truth: self.truth.clone(),
                 plain: self.plain,
             },
@@ -122,6 +137,11 @@ impl View {
             settings: Settings::path(),
             rate: self.rate,
             seconds: self.seconds,
+            device: match self.window_device {
+                WindowDeviceOption::Auto => WindowDevice::Auto,
+                WindowDeviceOption::Shared => WindowDevice::Shared,
+                WindowDeviceOption::Own => WindowDevice::Own,
+            },
         };
         let pace = view::run(start)?;
         if self.seconds.is_none() {
@@ -134,6 +154,7 @@ impl View {
             "interval_ms": pace.interval_ms,
             "pass_ms": pace.pass_ms,
             "net_ms": pace.net_ms,
+            "results_stay_on_gpu": pace.on_gpu,
             "frames": pace.frames,
             "dropped": pace.dropped,
             "memory_bytes": pace.memory,

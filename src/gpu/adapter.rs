@@ -142,25 +142,27 @@ impl AdapterChoice {
         Err(GpuError::NoAdapter(problem))
     }
 
-    /// Finds the adapter.
-    pub(super) fn find(&self) -> Result<(wgpu::Adapter, Adapter), GpuError> {
-        let mut found = enumerate();
+    /// Finds the adapter, with the instance that it belongs to.
+    pub(super) fn find(&self) -> Result<(wgpu::Instance, wgpu::Adapter, Adapter), GpuError> {
+        let (instance, mut found) = enumerate();
         let mut adapters: Vec<Adapter> = found.iter().map(Adapter::of).collect();
         let index = self.pick(&adapters)?;
-        Ok((found.swap_remove(index), adapters.swap_remove(index)))
+        Ok((instance, found.swap_remove(index), adapters.swap_remove(index)))
     }
 }
 
 /// All adapters of all backends.
 pub fn adapters() -> Vec<Adapter> {
-    enumerate().iter().map(Adapter::of).collect()
+    enumerate().1.iter().map(Adapter::of).collect()
 }
 
-fn enumerate() -> Vec<wgpu::Adapter> {
+fn enumerate() -> (wgpu::Instance, Vec<wgpu::Adapter>) {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle().with_env();
     // A driver that over-commits memory aborts the process where memory ends; wgpu reports an error before.
     descriptor.memory_budget_thresholds.for_resource_creation = Some(MEMORY_PERCENT);
-    pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(Backends::PRIMARY))
+    let instance = wgpu::Instance::new(descriptor);
+    let adapters = pollster::block_on(instance.enumerate_adapters(Backends::PRIMARY));
+    (instance, adapters)
 }
 
 /// Share of the memory budget that buffers may take up.

@@ -1,15 +1,18 @@
 //! An open GPU: buffers, pipelines and failures.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use wgpu::{BufferUsages, ErrorFilter, Features, PollType};
 
 use super::kernels::WORKGROUP_SIZE;
 use super::variant::{Abilities, Variant};
-use super::{Adapter, AdapterChoice, GpuError};
+use super::{Adapter, AdapterChoice, GpuError, Results};
 
 /// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`Storage::zeros_bytes`).
 const MAX_ZEROS: u64 = 1 << 16;
+/// How often a device that is shared with a window is asked whether a window of frames is done.
+const GLANCE: Duration = Duration::from_micros(200);
 
 /// An open GPU. Cheap to clone; the clones share device and queue.
 #[derive(Clone, Debug)]
@@ -17,7 +20,10 @@ pub struct Gpu {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     adapter: Arc<Adapter>,
+    opened: Arc<(wgpu::Instance, wgpu::Adapter)>,
     failures: Arc<Failures>,
+    /// Where executors keep results, if somebody draws them with this device.
+    results: Option<Arc<Results>>,
 }
 
 /// What the driver reports outside of calls.
@@ -30,7 +36,7 @@ struct Failures {
 impl Gpu {
     /// Opens the adapter of `choice`, with all of its limits.
     pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
-        let (wgpu_adapter, adapter) = choice.find()?;
+        let (instance, wgpu_adapter, adapter) = choice.find()?;
         let request = wgpu_adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("pix2hdr"),
             // Time stamps for benchmarks; each of the others makes some kernels faster.
@@ -61,7 +67,26 @@ impl Gpu {
                 failures.first.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             })
         });
-        Ok(Self { device, queue, adapter: Arc::new(adapter), failures })
+        let opened = Arc::new((instance, wgpu_adapter));
+        Ok(Self { device, queue, adapter: Arc::new(adapter), opened, failures, results: None })
+    }
+
+    /// The same GPU for somebody who draws results with it: executors keep them in [`Gpu::results`], and none of them
+    /// holds a lock of the device while it waits, which presenting a picture would wait for.
+    #[must_use]
+    pub fn shared(&self) -> Self {
+        Self { results: Some(Arc::default()), ..self.clone() }
+    }
+
+    /// What executors have kept, if the GPU is [`Gpu::shared`].
+    pub fn results(&self) -> Option<&Arc<Results>> {
+        self.results.as_ref()
+    }
+
+    /// What it consists of, to draw with.
+    pub fn parts(&self) -> (wgpu::Instance, wgpu::Adapter, wgpu::Device, wgpu::Queue) {
+        let (instance, adapter) = &*self.opened;
+        (instance.clone(), adapter.clone(), self.device.clone(), self.queue.clone())
     }
 
     /// The adapter that is open.
@@ -109,6 +134,13 @@ impl Gpu {
     /// Gives the device up. Whatever still uses it fails with [`GpuError::Lost`].
     pub fn destroy(&self) {
         self.device.destroy();
+    }
+
+    /// Why the device is gone, if it is, whether or not something has been tried with it.
+    pub fn lost(&self) -> Option<String> {
+        // A loss is reported while polling.
+        let _ = self.device.poll(PollType::Poll);
+        self.check().err().filter(GpuError::is_lost).map(|error| error.to_string())
     }
 
     /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
@@ -204,7 +236,18 @@ impl Gpu {
 
     /// Waits until `submission` is done.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
-        let waited = self.device.poll(PollType::Wait { submission_index: Some(submission), timeout: None });
+        let poll = |submission, timeout| {
+            self.device.poll(PollType::Wait { submission_index: Some(submission), timeout })
+        };
+        let waited = match self.results {
+            None => poll(submission, None),
+            Some(_) => loop {
+                match poll(submission.clone(), Some(Duration::ZERO)) {
+                    Err(wgpu::PollError::Timeout) => std::thread::sleep(GLANCE),
+                    done => break done,
+                }
+            },
+        };
         if waited.is_err() {
             // A loss is reported while polling.
             let _ = self.device.poll(PollType::Poll);

@@ -190,6 +190,10 @@ impl GpuExecutor {
         let view = self.plan.result;
         let format = self.storage.result;
         let reports = self.overflow.size();
+        if let Some(results) = self.gpu.results() {
+            let first = schedule + self.plan.window.lead as i64;
+            results.keep(&self.gpu, (&self.slots[view.slot], &view), first, &mut encoder);
+        }
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
             None => self.staging(&view, format, reports)?,

@@ -8,6 +8,7 @@ mod device;
 mod executor;
 mod kernels;
 mod probe;
+mod results;
 mod storage;
 mod tune;
 mod variant;
@@ -16,6 +17,7 @@ mod weights;
 pub use adapter::{Adapter, AdapterChoice, adapters};
 pub use device::Gpu;
 pub use executor::{Edit, GpuExecutor, Options};
+pub use results::{DeviceFrame, Results};
 pub use storage::{Format, StepFormats, Storage};
 pub use tune::cache_folder;
 pub use variant::Variant;
@@ -75,4 +77,11 @@ pub enum GpuError {
     /// Any other failure that the driver or `wgpu` reports.
     #[error("the GPU failed: {0}")]
     Failed(String),
+}
+
+impl GpuError {
+    /// Whether the device is gone.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::Lost(_))
+    }
 }

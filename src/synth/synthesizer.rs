@@ -177,6 +177,11 @@ impl Synthesizer {
         &self.grid
     }
 
+    /// The windows.
+    pub fn window(&self) -> Window {
+        self.window
+    }
+
     /// Set it from anywhere to end a run after the window that is being computed.
     pub fn stop(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)

@@ -18,6 +18,12 @@ pub struct PreviewWriter {
 }
 
 impl PreviewWriter {
+    /// Whether there is an `ffmpeg` to run.
+    pub fn is_installed() -> bool {
+        let quiet = |command: &mut Command| command.arg("-version").stdout(Stdio::null()).status();
+        quiet(&mut Command::new("ffmpeg")).is_ok_and(|status| status.success())
+    }
+
     /// Begins a video of frames of `extent` [rows, columns] at `rate` frames per second.
     pub fn begin(path: impl AsRef<Path>, [height, width]: [usize; 2], rate: u32) -> Result<Self> {
         let path = path.as_ref();

@@ -1,7 +1,9 @@
 //! The viewer: the engine, the state, and what is drawn of them.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -13,11 +15,14 @@ use super::engine::{Dials, Engine, Phase, Status};
 use super::export;
 use super::frame::Frame;
 use super::keys::{Binding, bindings};
-use super::panes::Pane;
 use super::picture::{Kinds, Picture};
+use super::screen::Screen;
 use super::source::{Opening, Request};
 use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
 use super::tone::ToneTable;
+use crate::gpu::Gpu;
+use crate::synth::{self, Backend};
+use crate::video::PreviewWriter;
 use crate::{Error, Result};
 
 /// Bytes of frames that are kept.
@@ -30,6 +35,21 @@ const PASSES: f64 = 60.0;
 const PASSES_OF_SOFTWARE: f64 = 30.0;
 /// The pace at which changes are looked for where nothing plays.
 const IDLE: Duration = Duration::from_millis(200);
+/// How often a window is opened again after its GPU was lost.
+const REOPENINGS: usize = 3;
+
+/// Which wgpu device draws the window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WindowDevice {
+    /// A real GPU that synthesises draws as well. Where software stands for a GPU, the window has a device of its own:
+    /// in one queue every pass would wait for windows of synthesis.
+    #[default]
+    Auto,
+    /// The one that synthesises, of whatever kind.
+    Shared,
+    /// One of its own.
+    Own,
+}
 
 /// How the viewer is started.
 #[derive(Clone, Debug)]
@@ -48,12 +68,37 @@ pub struct Start {
     pub rate: Option<f64>,
     /// End after so many seconds.
     pub seconds: Option<f64>,
+    /// What draws the window.
+    pub device: WindowDevice,
 }
 
 impl Start {
     /// What is remembered from last time.
     fn settings(&self) -> Settings {
         self.settings.as_ref().map_or_else(Settings::default, |path| Settings::read(path))
+    }
+
+    /// The GPU that synthesises and draws the window, if one is to do both.
+    fn shared_gpu(&self, dials: &Dials) -> Result<Option<Gpu>> {
+        if self.device == WindowDevice::Own
+            || dials.executor == synth::Request::Cpu && self.device == WindowDevice::Auto
+        {
+            return Ok(None);
+        }
+        match (Backend::choose(dials.executor, dials.adapter.as_deref(), dials.precision), self.device) {
+            (Ok(Backend::Gpu(gpu, _)), device)
+                if device == WindowDevice::Shared || !gpu.adapter().is_software() =>
+            {
+                Ok(Some(gpu.shared()))
+            }
+            (Ok(Backend::Cpu), WindowDevice::Shared) => Err(Error::Usage(
+                "no GPU synthesises, so none can be shared with the window; --executor gpu takes software Vulkan too"
+                    .into(),
+            )),
+            (Err(error), WindowDevice::Shared) => Err(error),
+            // What is wrong with the choice is said in the window.
+            _ => Ok(None),
+        }
     }
 }
 
@@ -80,6 +125,8 @@ pub struct Pace {
     pub start_ms: [Option<f64>; 2],
     /// Median milliseconds of the net per frame, of the last ones.
     pub net_ms: Option<f32>,
+    /// Whether results are drawn where the GPU left them.
+    pub on_gpu: bool,
     /// Frames that were delivered.
     pub frames: u64,
     /// Frames that the camera dropped.
@@ -101,9 +148,8 @@ pub struct Viewer {
     pub(super) reach: Reach,
     /// The frame that is shown.
     pub(super) shown: Option<Arc<Frame>>,
-    pub(super) kinds: Kinds,
-    pub(super) table: ToneTable,
-    pub(super) panes: Vec<Pane>,
+    pub(super) kinds: Arc<Kinds>,
+    pub(super) table: Arc<ToneTable>,
     /// What is typed as a source.
     pub(super) typed: String,
     /// Whether the cursor is to be put there.
@@ -111,12 +157,36 @@ pub struct Viewer {
     pub(super) messages: VecDeque<Message>,
     pub(super) actions: Vec<Action>,
     pub(super) bindings: Vec<Binding>,
-    most_passes: f64,
+    /// The GPU that synthesises and draws the window.
+    shared: Option<Gpu>,
+    pub(super) drawing: Drawing,
+    /// Whether the next frame was not there yet.
+    waits: bool,
     start: Start,
     jobs: (Sender<Message>, Receiver<Message>),
     saved: Settings,
     last: Instant,
     measured: Measured,
+}
+
+/// How the window is drawn.
+pub(super) struct Drawing {
+    /// Whether it was not drawn yet.
+    is_new: bool,
+    /// Whether it has the panels' colour before anything is drawn.
+    pub(super) is_cleared: bool,
+    /// Whether software draws it.
+    is_software: bool,
+}
+
+impl Drawing {
+    /// A new window.
+    const NEW: Self = Self { is_new: true, is_cleared: false, is_software: false };
+
+    /// Passes per second at most.
+    fn most_passes(&self) -> f64 {
+        if self.is_software { PASSES_OF_SOFTWARE } else { PASSES }
+    }
 }
 
 /// Times of the interface's passes.
@@ -130,13 +200,13 @@ struct Measured {
 }
 
 impl Viewer {
-    /// Starts the engine; the viewer has been about to start since `begun`.
-    pub fn new(start: Start, begun: Instant) -> Self {
+    /// Starts the engine; the viewer has been about to start since `begun`. `shared` synthesises and draws the window.
+    pub fn new(start: Start, begun: Instant, shared: Option<Gpu>) -> Self {
         let mut settings = start.settings();
         settings.rate = start.rate.unwrap_or(settings.rate);
-        let engine =
-            Engine::start(start.opening.clone(), start.request.clone(), start.dials.clone(), STORE_BYTES);
-        let table = ToneTable::new(settings.display);
+        let (opening, request, dials) = (start.opening.clone(), start.request.clone(), start.dials.clone());
+        let engine = Engine::with(opening, request, dials, STORE_BYTES, shared.clone());
+        let table = Arc::new(ToneTable::new(settings.display));
         let now = Instant::now();
         Self {
             state: State::new(settings.clone(), start.dials.clone()),
@@ -144,15 +214,16 @@ impl Viewer {
             status: Status::default(),
             reach: Reach { span: None, frames: None, burst: 1 },
             shown: None,
-            kinds: Kinds::default(),
+            kinds: Arc::default(),
             table,
-            panes: Vec::new(),
             typed: start.request.name(),
             type_now: false,
             messages: VecDeque::new(),
             actions: Vec::new(),
             bindings: bindings(),
-            most_passes: PASSES,
+            shared,
+            drawing: Drawing::NEW,
+            waits: false,
             start,
             jobs: channel(),
             saved: settings,
@@ -172,14 +243,42 @@ impl Viewer {
         self.engine.status()
     }
 
+    /// Why the GPU that draws the window is gone, if it is.
+    pub fn lost(&self) -> Option<String> {
+        self.shared.as_ref().and_then(Gpu::lost)
+    }
+
+    /// Goes on in a new window, which `shared` draws, after the last one's GPU was lost.
+    pub fn reopen(&mut self, shared: Option<Gpu>, problem: &str) {
+        self.messages.push_back(Message::bad(format!("{problem}; the window was opened anew")));
+        self.engine.share(shared.clone(), self.state.clock.frame());
+        self.shared = shared;
+        self.shown = None;
+        self.drawing = Drawing::NEW;
+    }
+
     /// The frame that is shown.
     pub fn shown(&self) -> Option<&Arc<Frame>> {
         self.shown.as_ref()
     }
 
+    /// Gets ready to be drawn by a window's device.
+    pub fn drawn_by(&mut self, state: &egui_wgpu::RenderState) {
+        if self.shared.is_none() {
+            state.device.on_uncaptured_error(Arc::new(|error| tracing::error!("the window: {error}")));
+        }
+        Screen::install(state);
+        self.drawing.is_software = state.adapter.get_info().device_type == wgpu::DeviceType::Cpu;
+    }
+
     /// Draws one pass of the interface, and does what the user wanted in it.
     pub fn show(&mut self, ui: &mut egui::Ui) {
         let begun = Instant::now();
+        if self.lost().is_some() {
+            // Nothing can be drawn any more; whoever opened the window opens another one.
+            ui.ctx().send_viewport_cmd(egui::ViewportCommand::Close);
+            return;
+        }
         self.tick(begun, ui.ctx());
         self.listen(ui.ctx());
         self.remember_window(ui.ctx());
@@ -220,7 +319,7 @@ impl Viewer {
         if pattern(&status) != pattern(&self.status) {
             let pattern = pattern(&status);
             self.state.nets = nets(pattern.as_ref(), &self.start.dials.weights);
-            self.kinds = pattern.map_or_else(Kinds::default, |pattern| Kinds::new(&pattern));
+            self.kinds = Arc::new(pattern.map_or_else(Kinds::default, |pattern| Kinds::new(&pattern)));
         }
         self.status = status;
         self.reach = Reach {
@@ -228,7 +327,9 @@ impl Viewer {
             frames: self.status.about.frames,
             burst: self.status.hop.max(1),
         };
-        let effect = self.state.advance(seconds, self.reach);
+        // A frame that was waited for has its time before it, not behind it.
+        let passed = if self.waits { seconds.min(1.0 / self.drawing.most_passes()) } else { seconds };
+        let effect = self.state.advance(passed, self.reach);
         self.carry_out(effect, ctx);
         let frame = self.state.clock.frame();
         self.engine.store.move_to(frame);
@@ -239,7 +340,7 @@ impl Viewer {
             self.shown = Some(shown);
         }
         if self.table.display() != self.state.settings.display {
-            self.table = ToneTable::new(self.state.settings.display);
+            self.table = Arc::new(ToneTable::new(self.state.settings.display));
         }
         while let Ok(message) = self.jobs.1.try_recv() {
             self.messages.push_back(message);
@@ -276,8 +377,12 @@ impl Viewer {
     /// Takes over, at first, how large everything was drawn last time, and remembers it and the window's size.
     fn remember_window(&mut self, ctx: &egui::Context) {
         let settings = &mut self.state.settings;
-        if self.measured.passes.is_empty() {
+        if std::mem::take(&mut self.drawing.is_new) {
             ctx.set_zoom_factor(settings.scale);
+            self.engine.on_news({
+                let ctx = ctx.clone();
+                move || ctx.request_repaint()
+            });
             return;
         }
         settings.scale = ctx.zoom_factor().clamp(SCALES[0], SCALES[1]);
@@ -291,11 +396,16 @@ impl Viewer {
         }
     }
 
-    fn ask_for_next_pass(&self, ctx: &egui::Context) {
+    fn ask_for_next_pass(&mut self, ctx: &egui::Context) {
         let playing =
             self.state.clock.playing && matches!(self.status.phase, Phase::Running | Phase::Finished);
-        let pause = if playing {
-            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.most_passes))
+        // Passes that would show the same again are left out, which counts where software draws: it takes the cores
+        // that the next frame needs.
+        let next = self.state.clock.frame() + 1;
+        let ends = self.status.about.frames.is_some_and(|frames| next >= frames);
+        self.waits = playing && !ends && !self.engine.is_there(next) && self.engine.store.span().is_some();
+        let pause = if playing && !self.waits {
+            Duration::from_secs_f64(1.0 / self.state.clock.rate.clamp(5.0, self.drawing.most_passes()))
         } else if self.status.phase == Phase::Preparing || self.shown.is_none() {
             Duration::from_millis(50)
         } else {
@@ -334,9 +444,16 @@ impl Viewer {
                 let hear = self.jobs.0.clone();
                 self.job(move || {
                     let (files, problem) = export::record(&folder, &frames, rate)?;
-                    if let Some(problem) = problem {
+                    let note = match problem {
+                        Some(problem) => Some(Message::bad(problem.to_string())),
+                        None if PreviewWriter::is_installed() => None,
+                        None => {
+                            Some(Message::good("with ffmpeg installed there would be a video too".into()))
+                        }
+                    };
+                    if let Some(note) = note {
                         // The viewer may have been closed.
-                        let _ = hear.send(Message::bad(problem.to_string()));
+                        let _ = hear.send(note);
                     }
                     Ok(files)
                 });
@@ -421,6 +538,7 @@ impl Viewer {
                 .first
                 .map(|first| first.map(|first| 1e3 * (first - self.measured.begun).as_secs_f64())),
             net_ms: status.median_ms(),
+            on_gpu: self.is_drawn_from_gpu(),
             frames: status.frames,
             dropped: status.dropped,
             memory: [self.measured.memory, resident_bytes()],
@@ -429,6 +547,11 @@ impl Viewer {
                 _ => None,
             },
         }
+    }
+
+    /// Whether results are drawn where the GPU left them.
+    pub fn is_drawn_from_gpu(&self) -> bool {
+        self.shared.is_some() && self.shown.as_ref().is_some_and(|frame| frame.on_gpu.is_some())
     }
 
     /// Sets light or dark.
@@ -468,60 +591,119 @@ pub(super) fn resident_bytes() -> Option<u64> {
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib << 10)
 }
 
-/// The viewer as eframe wants it; it tells how the interface kept up when it is closed.
+/// The viewer as eframe wants it; it is handed back when the window is closed.
 struct Window {
-    viewer: Viewer,
-    pace: Arc<std::sync::Mutex<Pace>>,
+    viewer: Option<Viewer>,
+    back: Rc<RefCell<Option<Viewer>>>,
 }
 
 impl eframe::App for Window {
-    /// What is around pictures; they need not be filled then, which counts where software draws.
-    fn clear_color(&self, _: &egui::Visuals) -> [f32; 4] {
-        [0.0, 0.0, 0.0, 1.0]
+    /// What panels are filled with: where software draws, filling them costs as much as all that they hold.
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
     }
 
-    fn ui(&mut self, ui: &mut egui::Ui, _: &mut eframe::Frame) {
-        self.viewer.show(ui);
+    fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
+        if let Some(viewer) = &mut self.viewer {
+            if viewer.drawing.is_new && viewer.drawing.is_software {
+                // There is no screen to wait for, and what is drawn by software should not queue as well.
+                frame.set_wgpu_surface_config(egui_wgpu::SurfaceConfig {
+                    present_mode: wgpu::PresentMode::AutoNoVsync,
+                    desired_maximum_frame_latency: Some(1),
+                });
+            }
+            viewer.show(ui);
+        }
     }
 
     fn on_exit(&mut self) {
-        *self.pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = self.viewer.pace();
+        *self.back.borrow_mut() = self.viewer.take();
     }
 }
 
 /// Opens the window, and returns when it is closed.
 pub fn run(start: Start) -> Result<Pace> {
     let begun = Instant::now();
-    let viewport = egui::ViewportBuilder::default()
-        .with_title(format!("pix2hdr: {}", start.request.name()))
-        .with_app_id("pix2hdr")
-        .with_inner_size(start.settings().window)
-        .with_min_inner_size([200.0, 150.0])
-        .with_drag_and_drop(true);
-    // Pictures are dithered by themselves; the rest has no gradients.
-    let options = eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
-    let pace = Arc::new(std::sync::Mutex::new(Pace::default()));
-    let shared = Arc::clone(&pace);
     if !has_display() {
         return Err(no_window("there is no display"));
     }
+    let shared = if may_be_reached() { start.shared_gpu(&start.dials)? } else { None };
+    let mut viewer = Viewer::new(start, begun, shared);
+    for _ in 0..=REOPENINGS {
+        viewer = open_window(viewer)?;
+        let Some(problem) = viewer.lost() else { return Ok(viewer.pace()) };
+        tracing::warn!("{problem}; the window is opened anew");
+        let shared = viewer.start.shared_gpu(&viewer.state.dials).unwrap_or_else(|error| {
+            tracing::warn!("no GPU is shared any more: {error}");
+            None
+        });
+        viewer.reopen(shared, &problem);
+    }
+    Err(Error::Usage(format!(
+        "the GPU was lost {} times; --window-device own keeps the window",
+        REOPENINGS + 1
+    )))
+}
+
+/// Opens a window, and gives the viewer back when it is closed.
+fn open_window(viewer: Viewer) -> Result<Viewer> {
+    let viewport = egui::ViewportBuilder::default()
+        .with_title(format!("pix2hdr: {}", viewer.start.request.name()))
+        .with_app_id("pix2hdr")
+        .with_inner_size(viewer.state.settings.window)
+        .with_min_inner_size([200.0, 150.0])
+        .with_drag_and_drop(true);
+    // Pictures are dithered by themselves; the rest has no gradients.
+    let mut options =
+        eframe::NativeOptions { viewport, dithering: false, ..eframe::NativeOptions::default() };
+    options.wgpu_options.wgpu_setup = match &viewer.shared {
+        Some(gpu) => {
+            let (instance, adapter, device, queue) = gpu.parts();
+            egui_wgpu::WgpuSetup::Existing(egui_wgpu::WgpuSetupExisting { instance, adapter, device, queue })
+        }
+        None => own_device(),
+    };
+    let back = Rc::new(RefCell::new(None));
     let outcome = eframe::run_native(
         "pix2hdr",
         options,
-        Box::new(move |context| {
-            let mut viewer = Viewer::new(start, begun);
-            let is_software = |state: &egui_wgpu::RenderState| {
-                state.adapter.get_info().device_type == wgpu::DeviceType::Cpu
-            };
-            if context.wgpu_render_state.as_ref().is_some_and(is_software) {
-                viewer.most_passes = PASSES_OF_SOFTWARE;
+        Box::new({
+            let back = Rc::clone(&back);
+            move |context| {
+                let mut viewer = viewer;
+                viewer.drawing.is_cleared = true;
+                if let Some(state) = &context.wgpu_render_state {
+                    viewer.drawn_by(state);
+                    // Smooth edges are many small triangles.
+                    let smooth = !viewer.drawing.is_software;
+                    context.egui_ctx.tessellation_options_mut(|options| options.feathering = smooth);
+                }
+                Ok(Box::new(Window { viewer: Some(viewer), back }))
             }
-            Ok(Box::new(Window { viewer, pace: shared }))
         }),
     );
     outcome.map_err(|error| no_window(&error.to_string()))?;
-    let pace = pace.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();
-    Ok(pace)
+    back.take().ok_or_else(|| no_window("it was closed before it was open"))
+}
+
+/// How a device is opened that draws and does nothing else.
+fn own_device() -> egui_wgpu::WgpuSetup {
+    let mut setup = egui_wgpu::WgpuSetupCreateNew::without_display_handle();
+    setup.device_descriptor = Arc::new(|adapter| {
+        let most = adapter.limits();
+        wgpu::DeviceDescriptor {
+            label: Some("window"),
+            required_limits: wgpu::Limits {
+                // Planes of large frames.
+                max_buffer_size: most.max_buffer_size,
+                max_storage_buffer_binding_size: most.max_storage_buffer_binding_size,
+                max_texture_dimension_2d: most.max_texture_dimension_2d,
+                ..wgpu::Limits::default()
+            },
+            ..wgpu::DeviceDescriptor::default()
+        }
+    });
+    setup.into()
 }
 
 /// Whether there can be a window.
@@ -531,6 +713,16 @@ fn has_display() -> bool {
         || is("DISPLAY")
         || is("WAYLAND_DISPLAY")
         || is("WAYLAND_SOCKET")
+}
+
+/// Whether it makes sense to open a GPU for a window: where a display of this machine has no socket there will be none,
+/// and drivers may have more to say about it than one line.
+fn may_be_reached() -> bool {
+    let display = std::env::var("DISPLAY").unwrap_or_default();
+    let number = display.strip_prefix(':').and_then(|rest| rest.split('.').next());
+    cfg!(not(target_os = "linux"))
+        || std::env::var_os("WAYLAND_DISPLAY").is_some()
+        || number.is_none_or(|number| std::path::Path::new(&format!("/tmp/.X11-unix/X{number}")).exists())
 }
 
 fn no_window(problem: &str) -> Error {

@@ -15,7 +15,7 @@ use super::frame::{Computed, Frame};
 use super::source::{Opening, Request, Source};
 use super::store::{Generation, Store};
 use crate::baseline::box_filter;
-use crate::gpu::GpuError;
+use crate::gpu::{Gpu, Results};
 use crate::network::{Graph, Model, Precision, Window};
 use crate::sensor::{Calibration, CaptureFile, FrameSource, Recording};
 use crate::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
@@ -161,6 +161,9 @@ struct Mailbox {
     open: Option<Request>,
     dials: Option<Dials>,
     seek: Option<usize>,
+    /// The GPU that draws the window, if it may synthesise too, and whether it is another one now.
+    shared: Option<Gpu>,
+    exchanged: bool,
     quit: bool,
     /// Ends the present run.
     stop: Arc<AtomicBool>,
@@ -168,7 +171,7 @@ struct Mailbox {
 
 impl Mailbox {
     fn is_empty(&self) -> bool {
-        self.open.is_none() && self.dials.is_none() && self.seek.is_none() && !self.quit
+        self.open.is_none() && self.dials.is_none() && self.seek.is_none() && !self.exchanged && !self.quit
     }
 }
 
@@ -180,12 +183,36 @@ pub struct Engine {
     pub clock: Arc<CameraClock>,
     status: Arc<Mutex<Status>>,
     mailbox: Arc<(Mutex<Mailbox>, Condvar)>,
+    news: Arc<News>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// Who is told when a frame is there that was waited for.
+#[derive(Default)]
+struct News {
+    awaited: AtomicBool,
+    tell: Mutex<Option<Box<dyn Fn() + Send>>>,
+}
+
+impl News {
+    fn is_out(&self) {
+        if self.awaited.swap(false, Ordering::Relaxed)
+            && let Some(tell) = &*lock(&self.tell)
+        {
+            tell();
+        }
+    }
 }
 
 impl Engine {
     /// Starts the thread. Frames take at most `bytes` bytes.
     pub fn start(opening: Opening, request: Request, dials: Dials, bytes: usize) -> Self {
+        Self::with(opening, request, dials, bytes, None)
+    }
+
+    /// As [`Engine::start`]. Where the dials ask for what `shared` is, that computes, and results stay on it for the
+    /// window that it draws.
+    pub fn with(opening: Opening, request: Request, dials: Dials, bytes: usize, shared: Option<Gpu>) -> Self {
         let store = Arc::new(Store::new(bytes));
         let clock = Arc::new(CameraClock::new(Instant::now()));
         let status = Arc::new(Mutex::new(Status::default()));
@@ -193,7 +220,9 @@ impl Engine {
             Mutex::new(Mailbox { open: Some(request), dials: Some(dials.clone()), ..Mailbox::default() }),
             Condvar::new(),
         ));
+        let news = Arc::new(News::default());
         let work = {
+            let news = Arc::clone(&news);
             let (store, clock, status) = (Arc::clone(&store), Arc::clone(&clock), Arc::clone(&status));
             let mailbox = Arc::clone(&mailbox);
             // A scene stays on the thread that opened it.
@@ -213,11 +242,13 @@ impl Engine {
                     clock,
                     status,
                     mailbox,
+                    news,
                     opening,
+                    backend: shared.clone().map(|gpu| Backend::Gpu(gpu, dials.precision)),
+                    shared,
                     dials,
                     request: None,
                     source: None,
-                    backend: None,
                     synthesizer: None,
                     from: 0,
                     due: 0,
@@ -234,7 +265,29 @@ impl Engine {
                 None
             }
         };
-        Self { store, clock, status, mailbox, thread }
+        Self { store, clock, status, mailbox, news, thread }
+    }
+
+    /// Whether frame `number` is there, or a later one. If not, [`Engine::on_news`] says when one is.
+    pub fn is_there(&self, number: usize) -> bool {
+        self.news.awaited.store(true, Ordering::Relaxed);
+        let there = self.store.span().is_some_and(|[_, last]| last >= number);
+        self.news.awaited.fetch_and(!there, Ordering::Relaxed);
+        there
+    }
+
+    /// What is done when a frame is there that was waited for.
+    pub fn on_news(&self, tell: impl Fn() + Send + 'static) {
+        *lock(&self.news.tell) = Some(Box::new(tell));
+    }
+
+    /// Goes on from frame `at` of a file with another GPU, or none, that draws the window.
+    pub fn share(&self, gpu: Option<Gpu>, at: usize) {
+        self.ask(|mailbox| {
+            mailbox.shared = gpu;
+            mailbox.exchanged = true;
+            mailbox.seek = Some(at);
+        });
     }
 
     fn ask(&self, change: impl FnOnce(&mut Mailbox)) {
@@ -304,6 +357,9 @@ struct Worker {
     clock: Arc<CameraClock>,
     status: Arc<Mutex<Status>>,
     mailbox: Arc<(Mutex<Mailbox>, Condvar)>,
+    news: Arc<News>,
+    /// The GPU that draws the window, if it may synthesise too.
+    shared: Option<Gpu>,
     /// What renders, samples and filters: in the common pool it would wait behind the net.
     beside: ThreadPool,
     opening: Opening,
@@ -376,6 +432,9 @@ impl Worker {
             self.dials = dials;
             self.rebuilds = 0;
         }
+        if std::mem::take(&mut mailbox.exchanged) {
+            (self.backend, self.synthesizer, self.shared) = (None, None, mailbox.shared.take());
+        }
         self.from = mailbox.seek.take().unwrap_or(self.from);
         let mut status = lock(&self.status);
         if let Some(request) = mailbox.open.take() {
@@ -415,6 +474,30 @@ impl Worker {
         outcome
     }
 
+    /// What the dials ask for. If that is the GPU that draws the window, it computes too.
+    fn choose(&self) -> Result<Backend> {
+        let Dials { executor, adapter, precision, .. } = &self.dials;
+        let chosen = Backend::choose(*executor, adapter.as_deref(), *precision)?;
+        Ok(match (&chosen, &self.shared) {
+            (Backend::Gpu(gpu, precision), Some(shared))
+                if gpu.adapter() == shared.adapter() && shared.check().is_ok() =>
+            {
+                Backend::Gpu(shared.clone(), *precision)
+            }
+            _ => chosen,
+        })
+    }
+
+    /// Begins to keep results on the GPU, if it draws the window and computes whole frames: tiles and skipped cells
+    /// are put together in main memory.
+    fn keep_results(&self, synthesizer: &Synthesizer) -> Option<Arc<Results>> {
+        let Some(Backend::Gpu(gpu, _)) = &self.backend else { return None };
+        let results = gpu.results()?;
+        let whole = self.dials.skip == Skip::Off && synthesizer.grid().tiles().count() == 1;
+        results.begin(whole);
+        whole.then(|| Arc::clone(results))
+    }
+
     /// Makes a synthesizer for the source.
     fn prepare(&mut self, source: &Source) -> Result<()> {
         let [height, width] = source.extent()?;
@@ -428,34 +511,38 @@ impl Worker {
             "shown as it is".clone_into(&mut lock(&self.status).executor);
             return Ok(());
         };
-        let model = Model::load_for(&self.dials.weights, &recording.pattern)?;
+        let mut model = Model::load_for(&self.dials.weights, &recording.pattern)?;
         let warning = check_fits(&model, &recording)?;
-        let Dials { executor, adapter, precision, skip, side, hop, .. } = &self.dials;
+        let Dials { skip, side, hop, .. } = &self.dials;
         let backend = match self.backend.take() {
             Some(backend) => backend,
-            None => Backend::choose(*executor, adapter.as_deref(), *precision)?,
+            None => self.choose()?,
         };
-        let window = model.graph.window;
-        let hop = hop.or(shorter_hop(&model.graph)?);
+        if hop.is_none() {
+            shorten(&mut model.graph)?;
+        }
         {
             let mut status = lock(&self.status);
             let place = backend.adapter().unwrap_or_else(|| "CPU".into());
             status.executor = format!("{} on {place}, {}", model.graph.name, backend.precision().name());
             status.notice = warning.or(status.notice.take());
-            status.hop = hop.unwrap_or(window.hop);
             status.recording = Some(Arc::new(recording.clone()));
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name.clone());
+        }
+        let options = synth::Options { skip: *skip, side: *side, hop: *hop };
+        let synthesizer = match self.synthesizer.take() {
+            Some(synthesizer) => synthesizer,
+            None => Synthesizer::with(&model, recording.calibration(), [height, width], &backend, options)?,
+        };
+        {
+            let mut status = lock(&self.status);
+            status.hop = synthesizer.window().hop;
             // A live source has to wait for the end of its exposures, and for the window's frames behind.
-            status.about.latency =
-                recording.pattern.longest_readout() + window.frames - window.lead - window.hop + status.hop;
+            let Window { frames, lead, .. } = synthesizer.window();
+            status.about.latency = recording.pattern.longest_readout() + frames - lead;
         }
-        if self.synthesizer.is_none() {
-            let options = synth::Options { skip: *skip, side: *side, hop };
-            let calibration = recording.calibration();
-            self.synthesizer =
-                Some(Synthesizer::with(&model, calibration, [height, width], &backend, options)?);
-        }
+        self.synthesizer = Some(synthesizer);
         self.backend = Some(backend);
         Ok(())
     }
@@ -495,6 +582,7 @@ impl Worker {
             if !self.store.push_patiently(generation, frame) {
                 break;
             }
+            self.news.is_out();
         }
     }
 
@@ -508,7 +596,8 @@ impl Worker {
     ) -> Result<()> {
         let pending = Pending::default();
         let mut heard = Overheard { frames, next: 0, from: self.from, truth, pending: &pending };
-        let delivery = self.delivery(&heard, generation, 0, true);
+        let results = self.keep_results(synthesizer);
+        let delivery = self.delivery(&heard, generation, 0, true, results);
         if !self.arm(&synthesizer.stop()) {
             return Ok(());
         }
@@ -550,7 +639,8 @@ impl Worker {
                 drop(status);
                 lock(&pending).push_back(Passing { number, mosaic, truth });
             })?;
-            let delivery = self.delivery(&frames, generation, begin, false);
+            let results = self.keep_results(synthesizer);
+            let delivery = self.delivery(&frames, generation, begin, false, results);
             let outcome = synthesizer.stream(&mut frames, 0, |frame| delivery.deliver(frame, &pending));
             let delivered = delivery.count.load(Ordering::Relaxed) as usize;
             drop(frames);
@@ -568,12 +658,15 @@ impl Worker {
         generation: Generation,
         begin: usize,
         patient: bool,
+        results: Option<Arc<Results>>,
     ) -> Delivery<'_> {
         let recording = frames.recording();
         Delivery {
             beside: &self.beside,
             store: &self.store,
             status: &self.status,
+            news: &self.news,
+            results,
             calibration: recording.calibration(),
             schedule_start: recording.info.schedule_start,
             extent: [recording.height, recording.width],
@@ -585,17 +678,20 @@ impl Worker {
     }
 }
 
-/// The hop in place of the net's own, for nets that give the same frames for any.
-fn shorter_hop(graph: &Graph) -> Result<Option<usize>> {
+/// Shorter windows than the net's own, for nets that give the same frames for any.
+fn shorten(graph: &mut Graph) -> Result<()> {
     let Window { frames, lead, hop } = graph.window;
     let [reach, ..] = graph.reach()?;
-    Ok((hop > HOP && lead >= reach && frames - hop - lead >= reach).then_some(HOP))
+    if hop > HOP && lead >= reach && frames - hop - lead >= reach {
+        graph.window = Window { frames: frames - hop + HOP, lead, hop: HOP };
+    }
+    Ok(())
 }
 
 /// Whether a GPU has gone.
 fn is_lost(error: &Error) -> bool {
     match error {
-        Error::Gpu(GpuError::Lost(_)) => true,
+        Error::Gpu(error) => error.is_lost(),
         Error::File { source, .. } => is_lost(source),
         _ => false,
     }
@@ -633,6 +729,9 @@ struct Delivery<'a> {
     beside: &'a ThreadPool,
     store: &'a Store,
     status: &'a Mutex<Status>,
+    news: &'a News,
+    /// Where results are that stay on the GPU.
+    results: Option<Arc<Results>>,
     calibration: Calibration,
     schedule_start: i64,
     extent: [usize; 2],
@@ -656,12 +755,13 @@ impl Delivery<'_> {
             }
             pending.pop_front()
         };
+        let t = self.schedule_start + result.number as i64;
+        let on_gpu = self.results.as_ref().and_then(|results| results.take(t));
         let (mosaic, truth) = passing.map_or((None, None), |passing| (Some(passing.mosaic), passing.truth));
         let [height, width] = self.extent;
         let filtered = match &mosaic {
             Some(mosaic) => {
                 let video = Video::new(1, height, width, mosaic.clone())?;
-                let t = self.schedule_start + result.number as i64;
                 Some(self.beside.install(|| box_filter(&video, &self.calibration, t)).data)
             }
             None => None,
@@ -673,6 +773,7 @@ impl Delivery<'_> {
             mosaic,
             filtered,
             ours: Some(result.values),
+            on_gpu,
             truth,
             computed: result.computed.map(|(active, slab)| Computed { active, slab, cell: result.cell }),
             inference: result.inference,
@@ -687,6 +788,7 @@ impl Delivery<'_> {
             return Err(Error::Usage("the frames begin anew".into()));
         }
         self.count.fetch_add(1, Ordering::Relaxed);
+        self.news.is_out();
         Ok(())
     }
 }

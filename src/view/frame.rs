@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::gpu::DeviceFrame;
 use crate::synth::Active;
 
 /// All planes [y, x] of one frame.
@@ -22,6 +23,8 @@ pub struct Frame {
     pub ours: Option<Vec<f32>>,
     /// Ground truth p, where there is one.
     pub truth: Option<Vec<f32>>,
+    /// The net's irradiance where the GPU left it, if it is kept there too.
+    pub on_gpu: Option<DeviceFrame>,
     /// Which cells of the frame were computed, where some may be skipped.
     pub computed: Option<Computed>,
     /// The frame's share of the time in which the net computed.
@@ -53,10 +56,36 @@ impl Computed {
     }
 }
 
+/// One of a frame's planes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// Pixel values.
+    Mosaic,
+    /// The box filter.
+    Filtered,
+    /// The net's result.
+    Ours,
+    /// Ground truth.
+    Truth,
+}
+
 impl Frame {
-    /// Bytes of its planes.
+    /// A plane, if the frame has it.
+    pub fn plane(&self, plane: Plane) -> Option<&[f32]> {
+        let plane = match plane {
+            Plane::Mosaic => &self.mosaic,
+            Plane::Filtered => &self.filtered,
+            Plane::Ours => &self.ours,
+            Plane::Truth => &self.truth,
+        };
+        plane.as_deref().filter(|plane| plane.len() == self.height * self.width)
+    }
+
+    /// Bytes of its planes, in main memory and on the GPU.
     pub fn bytes(&self) -> usize {
         let planes = [&self.mosaic, &self.filtered, &self.ours, &self.truth];
-        planes.iter().filter_map(|plane| plane.as_ref()).map(|plane| 4 * plane.len()).sum()
+        let values: usize = planes.iter().filter_map(|plane| plane.as_ref()).map(Vec::len).sum();
+        let on_gpu = self.on_gpu.as_ref().map_or(0, |_| self.height * self.width);
+        4 * (values + on_gpu)
     }
 }

@@ -4,7 +4,8 @@
 //! simulates one that runs live, and the [`engine`] synthesises on a thread of its own into the [`store`]. The [`state`]
 //! says what the interface is set to and what each action changes: the [`clock`] which frame is shown, [`place`] where,
 //! [`picture`] what of it, [`tone`] how bright; [`series`] and [`histogram`] are read off it, [`export`] writes it.
-//! `app`, `panes`, `panels` and `keys` draw this with egui, and add nothing to it but the drawing.
+//! `app`, `panes`, `panels` and `keys` draw this with egui, and add nothing to it but the drawing; `screen` draws the
+//! pictures, on the GPU.
 
 mod app;
 pub mod camera;
@@ -18,10 +19,11 @@ mod panels;
 mod panes;
 pub mod picture;
 pub mod place;
+mod screen;
 pub mod series;
 pub mod source;
 pub mod state;
 pub mod store;
 pub mod tone;
 
-pub use app::{Pace, Start, Viewer, run};
+pub use app::{Pace, Start, Viewer, WindowDevice, run};

@@ -39,15 +39,19 @@ impl Viewer {
     pub(super) fn draw(&mut self, ui: &mut Ui) {
         self.set_theme(ui.ctx());
         let size = ui.available_size();
-        Panel::top("top").show(ui, |ui| self.draw_top(ui));
-        Panel::bottom("time").show(ui, |ui| self.draw_time(ui));
+        let mut frame = Frame::side_top_panel(ui.style());
+        if self.drawing.is_cleared {
+            frame.fill = Color32::TRANSPARENT;
+        }
+        Panel::top("top").frame(frame).show(ui, |ui| self.draw_top(ui));
+        Panel::bottom("time").frame(frame).show(ui, |ui| self.draw_time(ui));
         if self.state.settings.series && size.y > ROOM_FOR_SERIES {
-            Panel::bottom("series").resizable(true).default_size(170.0).min_size(90.0).show(ui, |ui| {
-                self.draw_series(ui);
-            });
+            let panel = Panel::bottom("series").frame(frame).resizable(true);
+            panel.default_size(170.0).min_size(90.0).show(ui, |ui| self.draw_series(ui));
         }
         if self.state.settings.dials && size.x > ROOM_FOR_DIALS {
-            Panel::right("dials").resizable(false).exact_size(250.0).show(ui, |ui| {
+            let panel = Panel::right("dials").frame(frame).resizable(false);
+            panel.exact_size(250.0).show(ui, |ui| {
                 ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.draw_dials(ui));
             });
         }
@@ -420,7 +424,13 @@ impl Viewer {
             .on_hover_text(tip);
         };
         let now = Instant::now();
-        let median = status.median_ms().map_or("-".into(), |ms| format!("{ms:.2} ms"));
+        let median = match status.median_ms() {
+            None => "-".into(),
+            // Skipping left nothing to compute in most windows.
+            Some(0.0) => "nothing computed".into(),
+            Some(ms) if ms < 0.01 => "below 0.01 ms".into(),
+            Some(ms) => format!("{ms:.2} ms"),
+        };
         line(
             ui,
             "net per frame (median)",
@@ -445,6 +455,13 @@ impl Viewer {
         let computed =
             if status.computed.is_empty() { "-".into() } else { format!("{:.0} %", 100.0 * computed) };
         line(ui, "cells computed", computed, "the others kept their last result (skip)");
+        let drawn = if self.is_drawn_from_gpu() { "where they are" } else { "from main memory" };
+        line(
+            ui,
+            "results drawn",
+            drawn.into(),
+            "where they are: on the GPU that computed them, which draws the window too (--window-device)",
+        );
         let (frames, bytes) = self.engine.store.size();
         line(
             ui,

@@ -3,17 +3,18 @@
 use std::sync::Arc;
 
 use eframe::egui::{
-    Align2, Color32, ColorImage, FontId, Id, Painter, Pos2, Rect, Response, Sense, Stroke, StrokeKind,
-    TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2,
+    Align2, Color32, FontId, Id, Painter, Pos2, Rect, Response, Sense, Stroke, StrokeKind, Ui, Vec2, pos2,
+    vec2,
 };
+use eframe::egui_wgpu::Callback;
 
 use super::app::Viewer;
 use super::engine::Phase;
 use super::frame::Frame;
 use super::picture::Picture;
 use super::place::{Part, Placement};
+use super::screen::{Painting, Shown};
 use super::state::{Action, Arrangement, Settings};
-use super::tone::Display;
 
 /// Points per pixel from which values are written into pixels.
 const VALUES_FROM: f32 = 44.0;
@@ -26,23 +27,6 @@ pub(super) const PICKS: [Color32; 4] = [
     Color32::from_rgb(0, 158, 115),
     Color32::from_rgb(204, 121, 167),
 ];
-/// Colour of cells that were computed.
-const COMPUTED: [u8; 3] = [230, 120, 0];
-
-/// A pane's picture on its way to the screen, and what it was made of.
-#[derive(Default)]
-pub(super) struct Pane {
-    texture: Option<TextureHandle>,
-    made_of: Option<MadeOf>,
-}
-
-struct MadeOf {
-    frame: Arc<Frame>,
-    picture: Picture,
-    part: Part,
-    display: Display,
-    overlay: bool,
-}
 
 impl Viewer {
     /// Draws all panes.
@@ -55,7 +39,6 @@ impl Viewer {
         self.state.pointer = None;
         let Settings { arrangement, divider, .. } = self.state.settings;
         let pictures = self.state.settings.pictures().to_vec();
-        self.panes.resize_with(pictures.len().max(self.panes.len()), Pane::default);
         match arrangement {
             Arrangement::Divider => self.draw_divided(ui, area, [pictures[0], pictures[1]], divider),
             _ => {
@@ -127,12 +110,16 @@ impl Viewer {
     /// Draws a picture into `pane`, as much of it as `clip` lets be seen.
     fn draw_pane(&mut self, ui: &Ui, pane: Rect, clip: Rect, i: usize, picture: Picture) {
         let painter = ui.painter_at(clip);
-        let Some(frame) = self.shown.clone() else { return };
+        let Some(frame) = self.shown.clone() else {
+            paint_black(&painter, clip, i);
+            return;
+        };
         let (extent, size) = ([frame.height, frame.width], [pane.width(), pane.height()]);
         self.state.drawn = (extent, size);
         let placement = self.state.look.place(extent, size);
         let density = ui.ctx().pixels_per_point();
         if !picture.is_there(&frame) {
+            paint_black(&painter, clip, i);
             let text = if self.status.recording.is_none() {
                 "a plain video has only its frames"
             } else if frame.ours.is_none() {
@@ -155,9 +142,18 @@ impl Viewer {
                 pane.min + Vec2::from(corner),
                 vec2(cols as f32 * step, rows as f32 * step),
             );
-            let texture = self.texture(ui, i, &frame, picture, &part, step * density);
-            let uv = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
-            painter.image(texture.id(), rect, uv, Color32::WHITE);
+            let shown = Shown {
+                frame: Arc::clone(&frame),
+                picture,
+                part: part.clone(),
+                kinds: Arc::clone(&self.kinds),
+                table: Arc::clone(&self.table),
+                marked: self.state.settings.overlay,
+            };
+            // Pixels are seen as such where they are large.
+            let painting =
+                Painting { pane: i, shown: Some(shown), rect, around: clip, sharp: step * density >= 2.0 };
+            painter.add(Callback::new_paint_callback(clip, painting));
             if placement.scale >= VALUES_FROM {
                 self.draw_values(&painter, pane, placement, &frame, picture, &part);
             }
@@ -170,56 +166,6 @@ impl Viewer {
                 let at = pane.min + Vec2::from(placement.to_pane([x as f32, y as f32])) + vec2(6.0, 24.0);
                 label(&painter, at, Align2::LEFT_TOP, name, Color32::LIGHT_GRAY);
             }
-        }
-    }
-
-    /// The pane's picture as a texture, made anew only if something about it has changed.
-    fn texture(
-        &mut self,
-        ui: &Ui,
-        i: usize,
-        frame: &Arc<Frame>,
-        picture: Picture,
-        part: &Part,
-        step: f32,
-    ) -> TextureHandle {
-        let overlay = self.state.settings.overlay && matches!(picture, Picture::Ours | Picture::Difference);
-        let display = self.table.display();
-        let pane = &mut self.panes[i];
-        let same = pane.made_of.as_ref().is_some_and(|made| {
-            Arc::ptr_eq(&made.frame, frame)
-                && (made.picture, &made.part, made.display, made.overlay) == (picture, part, display, overlay)
-        });
-        if let Some(texture) = pane.texture.as_ref().filter(|_| same) {
-            return texture.clone();
-        }
-        let mut pixels = picture.pixels(frame, &self.kinds, part, &self.table);
-        if let Some(computed) = frame.computed.as_ref().filter(|_| overlay) {
-            let places = part
-                .rows
-                .clone()
-                .step_by(part.stride)
-                .flat_map(|y| part.cols.clone().step_by(part.stride).map(move |x| (y, x)));
-            for (pixel, (y, x)) in pixels.chunks_exact_mut(3).zip(places) {
-                if computed.is(y, x) {
-                    for (value, mark) in pixel.iter_mut().zip(COMPUTED) {
-                        *value = u8::midpoint(*value, mark);
-                    }
-                }
-            }
-        }
-        let [rows, cols] = part.extent();
-        let image = ColorImage::from_rgb([cols, rows], &pixels);
-        // Pixels are seen as such where they are large.
-        let options = if step >= 2.0 { TextureOptions::NEAREST } else { TextureOptions::LINEAR };
-        pane.made_of =
-            Some(MadeOf { frame: Arc::clone(frame), picture, part: part.clone(), display, overlay });
-        match &mut pane.texture {
-            Some(texture) => {
-                texture.set(image, options);
-                texture.clone()
-            }
-            none => none.insert(ui.ctx().load_texture(format!("pane {i}"), image, options)).clone(),
         }
     }
 
@@ -305,6 +251,12 @@ impl Viewer {
             _ => {}
         }
     }
+}
+
+/// A pane without a picture.
+fn paint_black(painter: &Painter, area: Rect, pane: usize) {
+    let painting = Painting { pane, shown: None, rect: area, around: area, sharp: true };
+    painter.add(Callback::new_paint_callback(area, painting));
 }
 
 /// Text on a picture, readable on anything.

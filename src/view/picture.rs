@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::frame::Frame;
+use super::frame::{Frame, Plane};
 use super::place::Part;
 use super::tone::ToneTable;
 use crate::sensor::{Cell, Pattern};
@@ -105,53 +105,84 @@ impl Picture {
         }
     }
 
-    /// The pixels, R, G, B, of a part of it. Where several pixels of the frame share one, it is their mean.
-    pub fn pixels(self, frame: &Frame, kinds: &Kinds, part: &Part, table: &ToneTable) -> Vec<u8> {
+    /// The planes that it is made of: one, or the two that are compared.
+    pub(super) fn planes(self) -> (Plane, Option<Plane>) {
+        match self {
+            Self::Mosaic | Self::SubFrames => (Plane::Mosaic, None),
+            Self::Filtered => (Plane::Filtered, None),
+            Self::Ours => (Plane::Ours, None),
+            Self::Truth => (Plane::Truth, None),
+            Self::Difference => (Plane::Ours, Some(Plane::Truth)),
+            Self::FilteredDifference => (Plane::Filtered, Some(Plane::Truth)),
+        }
+    }
+
+    /// Whether cells that were computed can be marked in it.
+    pub(super) fn shows_cells(self) -> bool {
+        matches!(self, Self::Ours | Self::Difference)
+    }
+
+    /// The pixels, R, G, B, of a part of it. Where several pixels of the frame share one, it is their mean. `marked`
+    /// marks cells that were computed. The twin of `shaders/picture.wgsl`, which draws panes.
+    pub fn pixels(
+        self,
+        frame: &Frame,
+        kinds: &Kinds,
+        part: &Part,
+        table: &ToneTable,
+        marked: bool,
+    ) -> Vec<u8> {
         let Part { rows, cols, stride } = part;
         let mut pixels = Vec::with_capacity(3 * part.extent()[0] * part.extent()[1]);
         // Kinds of pixels must not be mixed.
         let reach = if self.is_raw() { 1 } else { *stride };
         let mean = |plane: &[f32], y: usize, x: usize| {
-            if reach == 1 {
-                return plane[y * frame.width + x];
-            }
             let (mut sum, mut n) = (0.0, 0.0);
             for v in y..(y + reach).min(frame.height) {
                 for u in x..(x + reach).min(frame.width) {
-                    sum += plane[v * frame.width + u];
+                    sum += finite(plane[v * frame.width + u]);
                     n += 1.0;
                 }
             }
             sum / n
         };
-        let planes = match self {
-            Self::Mosaic | Self::SubFrames => [&frame.mosaic, &None],
-            Self::Filtered => [&frame.filtered, &None],
-            Self::Ours => [&frame.ours, &None],
-            Self::Truth => [&frame.truth, &None],
-            Self::Difference => [&frame.ours, &frame.truth],
-            Self::FilteredDifference => [&frame.filtered, &frame.truth],
+        let (first, second) = self.planes();
+        let Some(plane) = frame.plane(first) else { return pixels };
+        let other = match second.map(|second| frame.plane(second)) {
+            Some(None) => return pixels,
+            other => other.flatten(),
         };
-        let whole = |plane: &&Vec<f32>| plane.len() == frame.height * frame.width;
-        let Some(plane) = planes[0].as_ref().filter(whole) else { return pixels };
-        let other = planes[1].as_ref().filter(whole);
+        let computed = frame.computed.as_ref().filter(|_| marked && self.shows_cells());
         for (j, y) in rows.clone().step_by(*stride).enumerate() {
             for (i, x) in cols.clone().step_by(*stride).enumerate() {
-                let colour = match (self, other) {
+                let mut colour = match (self, other) {
                     (Self::Mosaic, _) => table.pixel_value(mean(plane, y, x), [j, i]),
                     (Self::SubFrames, _) => match kinds.source(y, x, [frame.height, frame.width]) {
-                        Some((y, x)) => table.pixel_value(plane[y * frame.width + x], [j, i]),
+                        Some((y, x)) => table.pixel_value(finite(plane[y * frame.width + x]), [j, i]),
                         None => [0; 3],
                     },
                     (_, Some(other)) => table.difference(mean(plane, y, x), mean(other, y, x)),
                     (_, None) => table.colour(mean(plane, y, x), i, j),
                 };
+                if computed.is_some_and(|computed| computed.is(y, x)) {
+                    for (value, mark) in colour.iter_mut().zip(COMPUTED) {
+                        *value = u8::midpoint(*value, mark);
+                    }
+                }
                 pixels.extend(colour);
             }
         }
         pixels
     }
 }
+
+/// As executors' results are read: what is not finite is black.
+fn finite(value: f32) -> f32 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
+/// Colour of cells that were computed.
+pub(super) const COMPUTED: [u8; 3] = [230, 120, 0];
 
 /// Most kinds of pixels that are told apart.
 const MOST_KINDS: usize = 16;
@@ -268,7 +299,7 @@ mod tests {
             for picture in Picture::ALL {
                 for stride in [1, 2, 5] {
                     let part = Part { rows: 0..height, cols: 0..width, stride };
-                    let pixels = picture.pixels(&frame, &kinds, &part, &table);
+                    let pixels = picture.pixels(&frame, &kinds, &part, &table, false);
                     assert_eq!(pixels.len(), 3 * height.div_ceil(stride) * width.div_ceil(stride));
                 }
             }
@@ -281,7 +312,7 @@ mod tests {
         let frame = Frame { truth: None, ..frame(4, 4) };
         let table = ToneTable::new(Display::default());
         let part = Part { rows: 0..4, cols: 0..4, stride: 1 };
-        assert!(Picture::Truth.pixels(&frame, &Kinds::default(), &part, &table).is_empty());
+        assert!(Picture::Truth.pixels(&frame, &Kinds::default(), &part, &table, false).is_empty());
         assert!(!Picture::Difference.is_there(&frame) && Picture::Ours.is_there(&frame));
     }
 
@@ -316,7 +347,7 @@ mod tests {
         let frame = Frame { ours: Some(vec![0.0, 0.2, 0.2, 0.4]), ..frame(2, 2) };
         let table = ToneTable::new(Display { dither: false, ..Display::default() });
         let part = Part { rows: 0..2, cols: 0..2, stride: 2 };
-        let pixels = Picture::Ours.pixels(&frame, &Kinds::default(), &part, &table);
+        let pixels = Picture::Ours.pixels(&frame, &Kinds::default(), &part, &table, false);
         assert_eq!(pixels, table.colour(0.2, 0, 0));
     }
 }

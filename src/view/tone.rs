@@ -96,7 +96,7 @@ impl Default for Display {
 }
 
 /// Bits of the mantissa that tell entries apart: steps of 0.2%.
-const MANTISSA: u32 = 9;
+pub(super) const MANTISSA: u32 = 9;
 /// Exponents of the table: from 2⁻³⁰, black in every curve, to 2¹⁰.
 const EXPONENTS: [i32; 2] = [-30, 10];
 
@@ -123,6 +123,14 @@ impl ToneTable {
         Self { display, brightness }
     }
 
+    /// Brightness in [0, 255], entry by entry: entries count steps of [`MANTISSA`] bits from [`ToneTable::FIRST`] on.
+    pub(super) fn entries(&self) -> &[f32] {
+        &self.brightness
+    }
+
+    /// Upper bits of the f32 that the first entry stands for.
+    pub(super) const FIRST: u32 = ((EXPONENTS[0] + 127) as u32) << MANTISSA;
+
     /// The display.
     pub fn display(&self) -> Display {
         self.display
@@ -130,12 +138,11 @@ impl ToneTable {
 
     /// Brightness of irradiance `p` in [0, 255].
     pub fn brightness(&self, p: f32) -> f32 {
-        let first = ((EXPONENTS[0] + 127) as u32) << MANTISSA;
         // Negative numbers and NaN are nothing that a pixel holds; they are black.
         if p.is_nan() || p <= 0.0 {
             return 0.0;
         }
-        let entry = (p.to_bits() >> (23 - MANTISSA)).saturating_sub(first) as usize;
+        let entry = (p.to_bits() >> (23 - MANTISSA)).saturating_sub(Self::FIRST) as usize;
         self.brightness[entry.min(self.brightness.len() - 1)]
     }
 
@@ -180,11 +187,11 @@ impl ToneTable {
 pub const CLIPPED: [u8; 3] = [255, 0, 200];
 
 /// Thresholds of ordered dithering.
-const BAYER: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
+pub(super) const BAYER: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
 /// Colours of even steps of lightness that the colour-blind tell apart as well: points of the map cividis
 /// (Nuñez, Anderton, Renslow 2018).
-const COLOURS: [[u8; 3]; 9] = [
+pub(super) const COLOURS: [[u8; 3]; 9] = [
     [0, 34, 78],
     [18, 53, 112],
     [59, 73, 108],
@@ -197,7 +204,7 @@ const COLOURS: [[u8; 3]; 9] = [
 ];
 
 /// From blue over grey to orange, told apart with any colour vision.
-const DIVERGING: [[u8; 3]; 5] =
+pub(super) const DIVERGING: [[u8; 3]; 5] =
     [[0, 90, 181], [98, 143, 190], [128, 128, 128], [214, 153, 84], [255, 140, 0]];
 
 /// The colour at `at`, in [0, 1], of evenly spaced `points`.
