@@ -9,7 +9,7 @@
 @group(0) @binding(0) var<storage, read> input: array<INPUT_VECTOR>;
 @group(0) @binding(1) var<storage, read> added: array<ADDED_VECTOR>;
 @group(0) @binding(2) var<storage, read_write> output: array<OUTPUT_VECTOR>;
-// Weights (see common/products.wgsl) and terms [bias, scale, shift][out channel], zero for padding channels.
+// Weights (see common/products.wgsl) and terms (see common/epilogue.wgsl) of each output channel.
 @group(0) @binding(3) var<storage, read> weights: array<WEIGHTS_VECTOR>;
 @group(0) @binding(4) var<storage, read> terms: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> overflow: atomic<u32>;

@@ -380,8 +380,8 @@ fn broken_shaders_are_caught() {
     ];
     // At f16, what packs and unpacks four channels is part of the text too.
     let reduced_mutants = [
-        ("features", "pack2x16float(c.zw)", "pack2x16float(c.xy)"),
         ("conv3d", "pack2x16float(c.zw)", "pack2x16float(c.wz)"),
+        ("conv3d", "activation(sum * terms[vector]", "activation(sum"),
         ("conv3d", "fn input_values(v: INPUT_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
         ("conv3d", "fn weights_values(v: WEIGHTS_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
     ];

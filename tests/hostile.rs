@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use pix2hdr::sensor::{Form, Pattern, Sampler};
 use pix2hdr::video::{self, Video, Writing};
-use program::{failed, within_limits};
+use program::{failed, weights, within_limits};
 
 /// Kibibytes of address space that the program may use. The largest picture that a header may claim takes 1.25 GiB of
 /// it, of which only what is really there becomes memory.
@@ -237,16 +237,6 @@ fn patterns_and_responses_and_lists_of_pixels() {
     let arguments =
         ["synth", &desk.name("capture"), "--executor", "cpu", "--dead-pixels", &desk.name("dead.txt")];
     desk.refuses("a pixel outside", &arguments, &["(99, 0)"]);
-}
-
-/// A weights file with a graph and nothing else.
-fn weights(graph: &str) -> Vec<u8> {
-    let text = |text: &str| serde_json::Value::String(text.to_owned()).to_string();
-    let header = format!(
-        r#"{{"__metadata__": {{"format": "pix2hdr-weights/1", "graph": {}, "response": "\"any\"", "provenance": "{{}}"}}}}"#,
-        text(graph)
-    );
-    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes()].concat()
 }
 
 /// A graph of `nodes` behind an estimate and features `f` of `channels` channels.

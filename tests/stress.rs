@@ -52,16 +52,15 @@ fn every_kernel_under_every_stress() {
             let outcomes = trial.run(&backend, &Input::ALL).unwrap();
             println!("{} {} {weights:?}", backend.name(), backend.precision().name());
             assert_within_bounds(&outcomes);
-            // f16 cannot hold weights times 2²⁰, and says so; it holds all others.
-            let refused = outcomes.iter().filter(|outcome| outcome.refused.is_some()).count();
-            let expected = if f16 && weights == Weights::ScaledUp { outcomes.len() } else { 0 };
-            assert_eq!(refused, expected, "{weights:?}: {:?}", outcomes[0].refused);
+            // Results that f16 cannot hold are stored in other units, all others as they are.
+            let rescaled = outcomes.iter().any(|outcome| !outcome.rescaled.is_empty());
+            assert_eq!(rescaled, f16 && weights == Weights::BeyondF16Limit, "{weights:?}: {outcomes:?}");
             let largest = outcomes.iter().flat_map(|outcome| &outcome.steps).map(|step| step.magnitude);
             let largest = largest.fold(0.0, f32::max);
             match weights {
                 Weights::NearF16Limit => assert!((2e4..65504.0).contains(&largest), "{largest}"),
-                _ if refused == 0 => assert!(largest < 1e4, "{weights:?} reaches {largest}"),
-                _ => {}
+                Weights::BeyondF16Limit => assert!(largest > 2e7, "{largest}"),
+                _ => assert!(largest < 1e4, "{weights:?} reaches {largest}"),
             }
         }
     }
@@ -90,7 +89,7 @@ fn whole_nets_stay_close_to_the_oracle() {
         for backend in backends() {
             let outcomes = trial.run(&backend, &Input::ALL).unwrap();
             assert_within_bounds(&outcomes);
-            let least = if backend.precision() == Precision::F16 { 55.0 } else { 100.0 };
+            let least = if backend.precision() == Precision::F16 { 60.0 } else { 100.0 };
             for outcome in outcomes {
                 let psnr = outcome.psnr_db.unwrap();
                 println!("{}: {psnr:.1} dB", outcome.what());

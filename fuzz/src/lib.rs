@@ -11,6 +11,24 @@ use pix2hdr::sensor::{Calibration, CaptureFile, Defects, Form, Pattern, Response
 use pix2hdr::video;
 use serde_json::Map;
 
+/// A target of cargo-fuzz for one [`Reader`].
+#[cfg(feature = "libfuzzer")]
+#[macro_export]
+macro_rules! target {
+    ($reader:ident) => {
+        $crate::libfuzzer_sys::fuzz_target!(|data: &[u8]| $crate::read($crate::Reader::$reader, data));
+    };
+}
+#[cfg(feature = "libfuzzer")]
+#[doc(hidden)]
+pub use libfuzzer_sys;
+
+/// Reads `data` as a file for `reader` on a desk that is kept: what every target of cargo-fuzz does.
+pub fn read(reader: Reader, data: &[u8]) {
+    thread_local!(static DESK: Desk = Desk::new().expect("a folder for files"));
+    DESK.with(|desk| desk.read(reader, data));
+}
+
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reader {

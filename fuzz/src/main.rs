@@ -1,7 +1,8 @@
 //! Random changes to sound files, for as long as one likes, on any toolchain: `cargo xtask fuzz 10`.
 //!
 //! What panics, hangs or takes too much memory is kept in the folder `findings`, and the run goes on. Prints one line a
-//! reader. Arguments: minutes, seed, folder of findings. Or `replay` and a finding, which is read once more.
+//! reader. Arguments: minutes, seed, folder of findings. Or `replay` and a finding, which is read once more; or `seeds`
+//! and a folder, to which sound files are written for cargo-fuzz.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -31,8 +32,13 @@ fn main() -> ExitCode {
     {
         return self::replay(Path::new(file));
     }
+    if let [_, seeds, folder] = &arguments[..]
+        && seeds == "seeds"
+    {
+        return write_seeds(Path::new(folder));
+    }
     let [_, minutes, seed, findings] = &arguments[..] else {
-        eprintln!("usage: pix2hdr-fuzz MINUTES SEED FOLDER | replay FILE");
+        eprintln!("usage: pix2hdr-fuzz MINUTES SEED FOLDER | replay FILE | seeds FOLDER");
         return ExitCode::FAILURE;
     };
     let (Ok(minutes), Ok(seed)) = (minutes.parse::<f64>(), seed.parse::<u64>()) else {
@@ -95,6 +101,18 @@ fn main() -> ExitCode {
     }
     println!("{} files, {} findings", counts.values().map(|c| c.0).sum::<u64>(), found.len());
     if found.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Writes the sound files of each reader where its target begins: `FOLDER/capture_json/0` ….
+fn write_seeds(folder: &Path) -> ExitCode {
+    for reader in Reader::ALL {
+        let corpus = folder.join(reader.name().replace('-', "_"));
+        std::fs::create_dir_all(&corpus).expect("a folder for seeds");
+        for (number, seed) in seeds::of(reader).iter().enumerate() {
+            std::fs::write(corpus.join(number.to_string()), seed).expect("seeds can be kept");
+        }
+    }
+    ExitCode::SUCCESS
 }
 
 /// Reads a finding again; its name begins with that of its reader.

@@ -9,7 +9,6 @@ use serde::Serialize;
 use super::check::psnr;
 use crate::cpu::CpuExecutor;
 use crate::cpu::bound::step_errors;
-use crate::gpu::GpuError;
 use crate::network::{Activation, Convolution, Executor, Graph, Layer, Model, Op, Plan, Shape, presets};
 use crate::sensor::{Calibration, Form, Pattern, Response};
 use crate::synth::Backend;
@@ -96,19 +95,22 @@ pub enum Weights {
     TinyScales,
     /// Features of some ten thousand, near the largest number of f16.
     NearF16Limit,
+    /// Features of some ten million, which f16 can hold in other units only.
+    BeyondF16Limit,
     /// Fusion weights at their floor: what they are made of is far below zero.
     AtFloor,
 }
 
 impl Weights {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Plain,
         Self::Cancelling,
         Self::ScaledUp,
         Self::ScaledDown,
         Self::TinyScales,
         Self::NearF16Limit,
+        Self::BeyondF16Limit,
         Self::AtFloor,
     ];
 
@@ -160,10 +162,11 @@ impl Weights {
                     scale.iter_mut().zip(sizes.iter().cycle()).for_each(|(scale, size)| *scale *= size);
                 }
             }
-            Self::NearF16Limit => {
+            Self::NearF16Limit | Self::BeyondF16Limit => {
                 if undone {
+                    let size = if self == Self::NearF16Limit { 3e4 } else { 3e7 };
                     layer.bias.iter_mut().enumerate().for_each(|(i, bias)| {
-                        *bias += if i % 2 == 0 { 3e4 } else { -3e4 };
+                        *bias += if i % 2 == 0 { size } else { -size };
                     });
                     // The next layers see what they are used to.
                     layer.weight.iter_mut().for_each(|weight| *weight = weight.clamp(-1.0, 1.0) * 1e-4);
@@ -294,8 +297,8 @@ pub struct Outcome {
     pub steps: Vec<StressedStep>,
     /// PSNR in dB of irradiance against the f64 oracle, peak 1.
     pub psnr_db: Option<f64>,
-    /// Why there is no result: what f16 cannot hold is refused.
-    pub refused: Option<String>,
+    /// Steps whose results are stored in larger units, since f16 could not hold them, and the units.
+    pub rescaled: Vec<(String, f32)>,
 }
 
 impl Outcome {
@@ -329,19 +332,9 @@ impl Trial<'_> {
             precision: backend.precision().name(),
             steps: Vec::new(),
             psnr_db: None,
-            refused: None,
+            rescaled: Vec::new(),
         };
-        let mut executor = match backend.executor(plan.clone(), calibration, false) {
-            Ok(executor) => executor,
-            Err(Error::Gpu(problem @ GpuError::Overflow { .. })) => {
-                let refused = Some(problem.to_string());
-                return Ok(inputs
-                    .iter()
-                    .map(|&input| Outcome { refused: refused.clone(), ..outcome(input) })
-                    .collect());
-            }
-            Err(error) => return Err(error),
-        };
+        let mut executor = backend.executor(plan.clone(), calibration, false)?;
         let mut oracle = CpuExecutor::<f64>::new(plan.clone(), calibration.clone());
         // Not at the beginning of the pattern.
         let schedule = 3;
@@ -350,14 +343,8 @@ impl Trial<'_> {
         let one = |&input: &Input| -> Result<Outcome> {
             let mut outcome = outcome(input);
             let measurement = input.values(plan.measurement.shape, calibration, schedule);
-            match executor.run(&measurement, schedule, &mut result) {
-                Ok(()) => {}
-                Err(Error::Gpu(problem @ GpuError::Overflow { .. })) => {
-                    outcome.refused = Some(problem.to_string());
-                    return Ok(outcome);
-                }
-                Err(error) => return Err(error),
-            }
+            executor.run(&measurement, schedule, &mut result)?;
+            outcome.rescaled = executor.rescaled();
             if let Some(at) = result.iter().position(|p| !p.is_finite()) {
                 return Err(Error::Usage(format!("{}: value {at} is {}", outcome.what(), result[at])));
             }

@@ -155,7 +155,7 @@ fn kernel_table(outcomes: &[Outcome]) -> Table {
 /// Each net with its least PSNR and its largest activation.
 fn net_table(outcomes: &[Outcome]) -> Table {
     let mut table =
-        Table::new(&["net", "executor", "least PSNR to the oracle, dB", "with", "largest value", "refused"]);
+        Table::new(&["net", "executor", "least PSNR to the oracle, dB", "with", "largest value", "rescaled"]);
     let plain = |outcome: &Outcome| outcome.weights == Weights::Plain && outcome.camera == "mpve-1-4 linear";
     let outcomes: Vec<Outcome> = outcomes.iter().filter(|outcome| plain(outcome)).cloned().collect();
     for net in distinct(&outcomes, |outcome| vec![outcome.net.clone()]) {
@@ -173,7 +173,7 @@ fn net_table(outcomes: &[Outcome]) -> Table {
                 figure(worst.and_then(|outcome| outcome.psnr_db), 1),
                 worst.map_or_else(String::new, |outcome| format!("{:?}", outcome.input)),
                 loudest.map_or_else(String::new, |step| format!("{:.1} in {}", step.magnitude, step.step)),
-                of.iter().filter(|outcome| outcome.refused.is_some()).count().to_string(),
+                of.iter().map(|outcome| outcome.rescaled.len()).max().unwrap_or_default().to_string(),
             ]);
         }
     }

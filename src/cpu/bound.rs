@@ -1,7 +1,7 @@
 //! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (design §7).
 //!
-//! A bound holds for one step on given inputs, at any executor that stores tensors and weights with unit
-//! round-off `storage`, computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to
+//! A bound holds for one step on given inputs, at any executor that stores weights and the output with the unit
+//! round-offs of [`Storage`], computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to
 //! 2⁻²¹ on [0.5, 2] and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
 
 use std::f64::consts::LN_2;
@@ -23,11 +23,27 @@ pub const F32: f64 = 1.0 / (1u32 << 24) as f64;
 /// Unit round-off of tensors that are stored as f16.
 pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
 
-/// Unit round-off of what a kernel stores.
-fn storage(kernel: &Kernel, precision: Precision) -> f64 {
-    match precision {
-        Precision::F16 if kernel.follows_precision() => F16,
-        _ => F32,
+/// Unit round-offs of what is stored of one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Storage {
+    /// Of weights. At f16, those to a channel share a power of two, so that all have full precision but those less than
+    /// 2⁻²⁸ of the largest.
+    pub weights: f64,
+    /// Of the output.
+    pub output: f64,
+}
+
+impl Storage {
+    /// Everything is f32.
+    pub const FULL: Self = Self { weights: F32, output: F32 };
+
+    /// What an executor of this precision stores of `step`.
+    pub fn of(step: &Step, precision: Precision) -> Self {
+        let reduced = match precision {
+            Precision::F32 => F32,
+            Precision::F16 => F16,
+        };
+        Self { weights: reduced, output: if step.full_precision { F32 } else { reduced } }
     }
 }
 
@@ -54,7 +70,7 @@ pub fn bound(
     output: &Tensor<f64>,
     calibration: &Calibration,
     schedule: i64,
-    storage: f64,
+    storage: Storage,
 ) -> Tensor<f64> {
     let view = |i: usize| TensorView::dense(&inputs[i]);
     let camera = Camera { calibration, schedule };
@@ -100,7 +116,7 @@ pub fn bound(
             }
         }
         Kernel::Conv3d(step) | Kernel::ConvTranspose3d(step) => {
-            error = convolution_error(kernel, step, inputs, output, storage);
+            error = convolution_error(kernel, step, inputs, output, storage.weights);
         }
         Kernel::InverseResponse { exposures } => {
             let n = exposures.len();
@@ -139,8 +155,8 @@ pub fn bound(
             }
         }
     }
-    let least = smallest_normal(storage);
-    add(&mut error, output, |value| storage * value.abs().max(least));
+    let least = smallest_normal(storage.output);
+    add(&mut error, output, |value| storage.output * value.abs().max(least));
     error.map(|error| SLACK * error)
 }
 
@@ -221,7 +237,7 @@ pub fn step_errors(
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
         let schedule = step.schedule(schedule);
         let exact = evaluate(&step.kernel, &inputs, output.shape, calibration, schedule);
-        let storage = storage(&step.kernel, precision);
+        let storage = Storage::of(step, precision);
         let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
         let fraction = largest_fraction(output, &exact, &bound);
         let magnitude = output.data.iter().map(|v| v.abs()).fold(0.0, f32::max);
@@ -244,7 +260,7 @@ fn smallest_normal(storage: f64) -> f64 {
     if storage > F32 { 2f64.powi(-14) } else { f32::MIN_POSITIVE as f64 }
 }
 
-/// Error of a convolution and its epilogue.
+/// Error of a convolution and its epilogue, with weights of unit round-off `storage`.
 fn convolution_error(
     kernel: &Kernel,
     step: &ConvolutionStep,
@@ -253,16 +269,18 @@ fn convolution_error(
     storage: f64,
 ) -> Tensor<f64> {
     // |W| ∗ |x| + |bias|. Weights that storage may round as if they were larger count as that.
-    let least = smallest_normal(storage) as f32;
+    let transposed = matches!(kernel, Kernel::ConvTranspose3d(_));
+    let relative = if storage > F32 { 2f32.powi(-28) } else { 0.0 };
+    let least = step.largest_weights(transposed);
+    let least: Vec<f32> = least.into_iter().map(|w| (relative * w).max(f32::MIN_POSITIVE)).collect();
+    let magnitude = |(index, weight): (usize, &f32)| {
+        let [_, out, _] = step.place_of(index, transposed);
+        if *weight == 0.0 { 0.0 } else { weight.abs().max(least[out]) }
+    };
     let absolute = ConvolutionStep {
         activation: Activation::None,
         layer: Arc::new(Layer {
-            weight: step
-                .layer
-                .weight
-                .iter()
-                .map(|w| if *w == 0.0 { 0.0 } else { w.abs().max(least) })
-                .collect(),
+            weight: step.layer.weight.iter().enumerate().map(magnitude).collect(),
             bias: step.layer.bias.iter().map(|b| b.abs()).collect(),
             norm: None,
         }),

@@ -1,6 +1,7 @@
 //! Runs a plan on a GPU.
 
 mod timing;
+mod units;
 
 use std::collections::{HashMap, VecDeque};
 use std::num::NonZero;
@@ -14,7 +15,7 @@ use super::kernels::{Call, Resource, Target};
 use super::storage::{Format, Storage};
 use super::tune::Tuning;
 use super::variant::Variant;
-use super::weights::{loaded, stored};
+use super::weights::{Terms, loaded, stored};
 use super::{Gpu, GpuError};
 use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
@@ -41,6 +42,8 @@ pub struct GpuExecutor {
     steps: Vec<Recorded>,
     /// What f16 could not hold, by step.
     overflow: wgpu::Buffer,
+    /// The power of two in which each tensor is stored, by its number in `storage`.
+    units: Vec<f32>,
     /// Uniform buffer with the schedule time in the pattern's period.
     schedule: wgpu::Buffer,
     period: usize,
@@ -73,6 +76,8 @@ struct Recorded {
     pipeline: wgpu::ComputePipeline,
     bind_group: wgpu::BindGroup,
     workgroups: [u32; 2],
+    /// Terms of a convolution, and where they lie.
+    terms: Option<(Terms, wgpu::Buffer)>,
 }
 
 /// A window that the GPU works on.
@@ -80,6 +85,8 @@ struct Recorded {
 struct InFlight {
     download: Download,
     submission: wgpu::SubmissionIndex,
+    /// The measurement and its schedule time, where the window may have to be computed again.
+    window: Option<(Vec<f32>, i64)>,
 }
 
 /// Values on their way from a slot to the CPU.
@@ -88,6 +95,8 @@ struct Download {
     buffer: wgpu::Buffer,
     view: View,
     format: Format,
+    /// What the values are stored in.
+    unit: f32,
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
 }
 
@@ -156,6 +165,7 @@ impl GpuExecutor {
         Ok(Self {
             gpu: gpu.clone(),
             precision: options.precision,
+            units: vec![1.0; storage.tensors],
             storage,
             slots,
             steps,
@@ -183,12 +193,34 @@ impl GpuExecutor {
                 Self::IN_FLIGHT
             )));
         }
+        let window = self.start(measurement, schedule)?;
+        self.in_flight.push_back(window);
+        Ok(())
+    }
+
+    /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`. Where it met
+    /// a value that f16 cannot hold, it is computed again in units that can.
+    pub fn collect(&mut self, result: &mut [f32]) -> Result<()> {
+        check_len("the result", result.len(), self.plan.result.shape.len())?;
+        let Some(InFlight { download, submission, window }) = self.in_flight.pop_front() else {
+            return Err(Error::Usage("no window is in flight".into()));
+        };
+        let mut overflow = self.finish(download, submission, result)?;
+        while let (Some(overflowed), Some((measurement, schedule))) = (overflow, &window) {
+            self.make_room(overflowed)?;
+            let again = self.start(measurement, *schedule)?;
+            overflow = self.finish(again.download, again.submission, result)?;
+        }
+        Ok(())
+    }
+
+    /// Submits a window.
+    fn start(&mut self, measurement: &[f32], schedule: i64) -> Result<InFlight> {
         self.upload(measurement, schedule)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.overflow, 0, None);
         Self::encode(&self.steps, &mut encoder);
         let view = self.plan.result;
-        let format = self.storage.result;
         let reports = self.overflow.size();
         if let Some(results) = self.gpu.results() {
             let first = schedule + self.plan.window.lead as i64;
@@ -196,20 +228,23 @@ impl GpuExecutor {
         }
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
-            None => self.staging(&view, format, reports)?,
+            None => self.staging(&view, Format::F32, reports)?,
         };
         encoder.copy_buffer_to_buffer(&self.overflow, 0, &buffer, buffer.size() - reports, reports);
-        let (download, submission) = self.download(view, format, buffer, encoder);
-        self.in_flight.push_back(InFlight { download, submission });
-        Ok(())
+        let (download, submission) = self.download(view, Format::F32, 1.0, buffer, encoder);
+        let limited = self.storage.steps.iter().any(|step| step.output == Format::F16);
+        let window = limited.then(|| (self.upload.clone(), schedule));
+        Ok(InFlight { download, submission, window })
     }
 
-    /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`.
-    pub fn collect(&mut self, result: &mut [f32]) -> Result<()> {
-        check_len("the result", result.len(), self.plan.result.shape.len())?;
-        let Some(InFlight { download, submission }) = self.in_flight.pop_front() else {
-            return Err(Error::Usage("no window is in flight".into()));
-        };
+    /// Waits for a window and writes its irradiance to `result`. Returns the first step whose result f16 could not hold,
+    /// and its largest magnitude.
+    fn finish(
+        &mut self,
+        download: Download,
+        submission: wgpu::SubmissionIndex,
+        result: &mut [f32],
+    ) -> Result<Option<(usize, f32)>> {
         self.gpu.wait(submission)?;
         let mut overflow = None;
         download.read(&self.gpu, |values, reports| {
@@ -217,19 +252,12 @@ impl GpuExecutor {
                 // Only a net whose weights overflow gets here with anything else than a finite number.
                 *result = if value.is_finite() { value } else { 0.0 };
             }
-            overflow = self.first_overflow(reports);
+            let magnitudes =
+                reports.chunks(OVERFLOW_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
+            overflow = magnitudes.enumerate().find(|(_, magnitude)| *magnitude != 0.0);
         })?;
         self.free.push(download.buffer);
-        overflow.map_or(Ok(()), |overflow| Err(overflow.into()))
-    }
-
-    /// The first step whose result f16 could not hold.
-    fn first_overflow(&self, reports: &[u8]) -> Option<GpuError> {
-        let magnitudes =
-            reports.chunks(OVERFLOW_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
-        let (step, magnitude) =
-            self.plan.steps.iter().zip(magnitudes).find(|(_, magnitude)| *magnitude != 0.0)?;
-        Some(GpuError::Overflow { step: step.name.clone(), value: format!("{magnitude:e}") })
+        Ok(overflow)
     }
 
     /// Uploads the measurement and the schedule. What is not finite counts as 0, so that no kernel meets NaN.
@@ -265,6 +293,7 @@ impl GpuExecutor {
         &self,
         view: View,
         format: Format,
+        unit: f32,
         buffer: wgpu::Buffer,
         mut encoder: wgpu::CommandEncoder,
     ) -> (Download, wgpu::SubmissionIndex) {
@@ -282,7 +311,7 @@ impl GpuExecutor {
             // Nobody listens if the executor is gone.
             let _ = sender.send(outcome);
         });
-        (Download { buffer, view, format, mapped }, submission)
+        (Download { buffer, view, format, unit, mapped }, submission)
     }
 
     /// Runs one step.
@@ -293,9 +322,10 @@ impl GpuExecutor {
     }
 
     /// The tensor that a view shows.
-    fn tensor(&self, view: &View, format: Format) -> Result<Tensor, GpuError> {
+    fn tensor(&self, view: &View, format: Format, number: usize) -> Result<Tensor, GpuError> {
         let encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let (download, submission) = self.download(*view, format, self.staging(view, format, 0)?, encoder);
+        let buffer = self.staging(view, format, 0)?;
+        let (download, submission) = self.download(*view, format, self.units[number], buffer, encoder);
         self.gpu.wait(submission)?;
         let mut data = Vec::with_capacity(view.shape.len());
         download.read(&self.gpu, |values, _| data.extend(values))?;
@@ -336,10 +366,11 @@ impl Executor for GpuExecutor {
             self.step(index);
             // A step does not write what it reads, so the inputs are still there.
             let formats = &self.storage.steps[index];
-            let inputs = step.inputs.iter().zip(&formats.inputs);
-            let inputs =
-                inputs.map(|(view, &format)| self.tensor(view, format)).collect::<Result<Vec<_>, _>>()?;
-            visit(step, &inputs, &self.tensor(&step.output, formats.output)?);
+            let inputs = step.inputs.iter().zip(&formats.inputs).zip(&formats.input_tensors);
+            let inputs = inputs
+                .map(|((view, &format), &number)| self.tensor(view, format, number))
+                .collect::<Result<Vec<_>, _>>()?;
+            visit(step, &inputs, &self.tensor(&step.output, formats.output, formats.output_tensor)?);
         }
         Ok(())
     }
@@ -356,6 +387,12 @@ impl Executor for GpuExecutor {
 
     fn describe(&self) -> String {
         format!("{}, {}", self.gpu.name(), self.precision.name())
+    }
+
+    fn rescaled(&self) -> Vec<(String, f32)> {
+        let steps = self.plan.steps.iter().zip(&self.storage.steps);
+        let units = steps.map(|(step, formats)| (step.name.clone(), self.units[formats.output_tensor]));
+        units.filter(|(_, unit)| *unit > 1.0).collect()
     }
 }
 
@@ -383,7 +420,8 @@ impl Download {
             let (values, more) = bytes.split_at(copied_bytes(&self.view, self.format) as usize);
             let values = loaded(&values[..span(&self.view) * self.format.bytes()], self.format);
             let channels = self.view.shape.c;
-            visit(&mut values.chunks(self.view.stride).flat_map(|pixel| &pixel[..channels]).copied(), more);
+            let pixels = values.chunks(self.view.stride);
+            visit(&mut pixels.flat_map(|pixel| &pixel[..channels]).map(|value| value * self.unit), more);
         }
         self.buffer.unmap();
         Ok(())
@@ -485,10 +523,13 @@ impl Builder<'_> {
             self.pipelines.insert(call.text.clone(), pipeline);
         }
         let name = |what: &str| format!("{what} of '{}'", step.name);
+        let stored = |terms: &Terms| self.gpu.storage(&name("terms"), &terms.in_units(1.0, 1.0));
+        let terms = call.terms.as_ref().map(|terms| Ok::<_, GpuError>((terms.clone(), stored(terms)?)));
+        let terms = terms.transpose()?;
         let resources = call.shader.resources.iter().map(|resource| {
             Ok(match resource {
                 Resource::Weights => self.gpu.storage(&name("weights"), &call.weights)?,
-                Resource::Terms => self.gpu.storage(&name("terms"), &call.terms)?,
+                Resource::Terms => terms.as_ref().expect("convolutions have terms").1.clone(),
                 Resource::Overflow => self.overflow.clone(),
                 Resource::RenderedExposures => {
                     self.gpu.storage(&name("exposures"), &call.rendered_exposures)?
@@ -521,7 +562,8 @@ impl Builder<'_> {
             layout,
             entries: &entries,
         });
-        Ok(Recorded { pipeline: self.pipelines[&call.text].clone(), bind_group, workgroups: call.workgroups })
+        let pipeline = self.pipelines[&call.text].clone();
+        Ok(Recorded { pipeline, bind_group, workgroups: call.workgroups, terms })
     }
 }
 

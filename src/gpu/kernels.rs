@@ -12,9 +12,9 @@ use std::fmt::Write;
 use std::ops::Range;
 
 use super::GpuError;
-use super::storage::{Format, LARGEST_F16, StepFormats, overflowing_weight};
+use super::storage::{Format, LARGEST_F16, StepFormats};
 use super::variant::{Abilities, Extent, Variant};
-use super::weights::{Packing, pack, pack_terms, stored};
+use super::weights::{Packing, Terms, pack, stored, weight_units};
 use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
 use crate::sensor::Calibration;
 
@@ -26,7 +26,7 @@ pub(super) const WORKGROUP_SIZE: usize = 64;
 pub(super) enum Resource {
     /// Packed weights of the step.
     Weights,
-    /// Packed bias, scale and shift of the step.
+    /// Units, bias, scale and shift of the step ([`Terms`]).
     Terms,
     /// The largest magnitude that did not fit the step's output, as the bits of an f32.
     Overflow,
@@ -39,7 +39,7 @@ pub(super) enum Resource {
     /// Schedule time of the window, in the pattern's period.
     Schedule,
 }
-use Resource::{Exposures, InverseResponse, Overflow, RenderedExposures, Schedule, Terms, Weights};
+use Resource::{Exposures, InverseResponse, Overflow, RenderedExposures, Schedule};
 
 /// A shader: bindings are the inputs, the output, and the resources, in this order.
 #[derive(Debug)]
@@ -69,8 +69,8 @@ static SHADERS: [Shader; 8] = [
     shader!("box_estimate", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
     shader!("log_irradiance", ["MEASUREMENT"], [InverseResponse, Exposures, Schedule]),
     shader!("features", ["MEASUREMENT", "ESTIMATE", "LOGS"], [InverseResponse, Exposures, Schedule]),
-    shader!("conv3d", ["INPUT", "ADDED"], [Weights, Terms, Overflow]),
-    shader!("conv_transpose3d", ["INPUT", "ADDED"], [Weights, Terms, Overflow]),
+    shader!("conv3d", ["INPUT", "ADDED"], [Resource::Weights, Resource::Terms, Overflow]),
+    shader!("conv_transpose3d", ["INPUT", "ADDED"], [Resource::Weights, Resource::Terms, Overflow]),
     shader!("inverse_response", ["INPUT"], [InverseResponse, RenderedExposures]),
     shader!("fuse", ["WEIGHTS", "RENDERED"], []),
     shader!("blend", ["WEIGHTS", "LOGS", "ESTIMATE"], []),
@@ -102,7 +102,7 @@ pub(super) struct Call {
     pub extent: Option<Extent>,
     /// Contents of those resources that belong to the step.
     pub weights: Vec<u8>,
-    pub terms: Vec<f32>,
+    pub terms: Option<Terms>,
     pub rendered_exposures: Vec<f32>,
 }
 
@@ -149,7 +149,7 @@ impl Call {
         let output_vectors = output.c.div_ceil(4);
         let mut variant = Variant::SINGLE;
         let mut layer = None;
-        let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut weights, mut terms, mut rendered_exposures) = (Vec::new(), None, Vec::new());
         let invocations = match &step.kernel {
             Kernel::BoxEstimate | Kernel::LogIrradiance | Kernel::Fuse => output.pixels(),
             Kernel::Features { channels, block, lead } => {
@@ -187,11 +187,9 @@ impl Call {
                 header.int("TERM_VECTORS", packing.out_vectors());
                 header.boolean("LIMITED", formats.output == Format::F16);
                 header.float("LIMIT", LARGEST_F16 as f64);
-                if let (Format::F16, Some(weight)) = (formats.weights, overflowing_weight(conv)) {
-                    return Err(GpuError::Overflow { step: step.name.clone(), value: weight.to_string() });
-                }
-                weights = stored(&pack(conv, transposed, packing), formats.weights);
-                terms = pack_terms(conv, packing);
+                let units = weight_units(conv, transposed, formats.weights);
+                weights = stored(&pack(conv, transposed, packing, &units), formats.weights);
+                terms = Some(Terms::new(conv, packing, &units));
                 variant.teams(extent) * variant.lanes
             }
             Kernel::InverseResponse { exposures } => {

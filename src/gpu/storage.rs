@@ -1,10 +1,14 @@
 //! How tensors are stored in slots.
 //!
 //! Tensors of one value a pixel are f32 always. Tensors of feature channels are stored as f32, or as pairs of f16 in
-//! u32, which every adapter can read and write; all arithmetic is f32. Results of the inverse response, weights of the
-//! fusion and residuals in the log domain stay f32 at any precision (design §7).
+//! u32, which every adapter can read and write; all arithmetic is f32. The plan says which tensors are f32 at any
+//! precision ([`Step::full_precision`]).
+//!
+//! What f16 cannot hold is stored in other units, powers of two, which changes no digit: weights to an output channel
+//! share a unit from the beginning (`weights.rs`), and a tensor gets one when a value that it cannot hold is met
+//! (`executor/units.rs`).
 
-use crate::network::{ConvolutionStep, Kernel, Plan, Precision, Step, View};
+use crate::network::{Kernel, Plan, Precision, Step, View};
 
 /// The largest finite f16.
 pub(super) const LARGEST_F16: f32 = 65504.0;
@@ -43,8 +47,8 @@ pub struct Storage {
     pub steps: Vec<StepFormats>,
     /// Bytes of the values of each slot, a multiple of 16.
     pub slot_bytes: Vec<usize>,
-    /// Format of the result.
-    pub result: Format,
+    /// How many tensors there are.
+    pub tensors: usize,
 }
 
 /// How the tensors of one step are stored.
@@ -56,58 +60,46 @@ pub struct StepFormats {
     pub output: Format,
     /// Weights, where there are some.
     pub weights: Format,
+    /// Numbers of the tensors that the inputs are. Those that lie side by side, the parts of a concatenation and the
+    /// whole, are one.
+    pub input_tensors: Vec<usize>,
+    /// Number of the tensor that the output is.
+    pub output_tensor: usize,
 }
 
 impl Storage {
     /// Decides the format of each tensor of `plan`.
     pub fn new(plan: &Plan, precision: Precision) -> Self {
-        // The tensors that lie side by side in a slot have one format: the parts of a concatenation and the whole.
-        let mut formats: Vec<Format> = Vec::new();
-        let mut fresh = |format| {
-            formats.push(format);
-            formats.len() - 1
-        };
-        // What lies in each slot: number of its format, and the stride of a concatenation that is being written.
-        let measurement = fresh(Format::F32);
-        let mut holds: Vec<(usize, Option<usize>)> = vec![(measurement, None); plan.slots.len()];
         let reduced = Format::of(precision);
-        let mut places = Vec::with_capacity(plan.steps.len());
-        for step in &plan.steps {
-            let View { slot, stride, shape, .. } = step.output;
-            let part = (stride > shape.c.next_multiple_of(4)).then_some(stride);
-            let output = match holds[slot] {
-                (format, whole) if part.is_some() && whole == part => format,
-                _ => fresh(if stride == 1 { Format::F32 } else { reduced }),
-            };
-            holds[slot] = (output, part);
-            let inputs: Vec<usize> = step.inputs.iter().map(|view| holds[view.slot].0).collect();
-            places.push((inputs, output));
-        }
-        for (step, (inputs, output)) in plan.steps.iter().zip(&places) {
-            if !step.kernel.follows_precision() {
-                for &place in inputs.iter().chain([output]) {
-                    formats[place] = Format::F32;
-                }
-            }
-        }
+        // Formats by tensor; the first one is the measurement.
+        let mut formats = vec![Format::F32];
+        // What lies in each slot: number of the tensor, and the stride of a concatenation that is being written.
+        let mut holds: Vec<(usize, Option<usize>)> = vec![(0, None); plan.slots.len()];
         let mut slot_bytes = vec![0; plan.slots.len()];
         slot_bytes[plan.measurement.slot] = plan.slots[plan.measurement.slot] * Format::F32.bytes();
-        let steps = plan.steps.iter().zip(places).map(|(step, (inputs, output))| {
-            let formats = StepFormats {
-                inputs: inputs.iter().map(|&place| formats[place]).collect(),
-                output: formats[output],
-                weights: reduced,
+        let steps = plan.steps.iter().map(|step| {
+            let View { slot, stride, shape, .. } = step.output;
+            let part = (stride > shape.c.next_multiple_of(4)).then_some(stride);
+            let output_tensor = match holds[slot] {
+                (tensor, whole) if part.is_some() && whole == part => tensor,
+                _ => {
+                    formats.push(if step.full_precision { Format::F32 } else { reduced });
+                    formats.len() - 1
+                }
             };
-            let bytes = &mut slot_bytes[step.output.slot];
-            *bytes = (plan.slots[step.output.slot] * formats.output.bytes()).max(*bytes);
-            formats
+            holds[slot] = (output_tensor, part);
+            let input_tensors: Vec<usize> = step.inputs.iter().map(|view| holds[view.slot].0).collect();
+            let output = formats[output_tensor];
+            slot_bytes[slot] = (plan.slots[slot] * output.bytes()).max(slot_bytes[slot]);
+            let inputs = input_tensors.iter().map(|&tensor| formats[tensor]).collect();
+            StepFormats { inputs, output, weights: reduced, input_tensors, output_tensor }
         });
         let steps = steps.collect();
         // A slot that nothing is written to is still bound.
         for (bytes, &len) in slot_bytes.iter_mut().zip(&plan.slots) {
             *bytes = if *bytes == 0 { len * Format::F32.bytes() } else { *bytes }.next_multiple_of(16);
         }
-        Self { steps, slot_bytes, result: formats[holds[plan.result.slot].0] }
+        Self { steps, slot_bytes, tensors: formats.len() }
     }
 
     /// Bytes of the zeros that have to stand behind the values of the slot that `step` reads, in place of one pixel of
@@ -120,9 +112,4 @@ impl Storage {
             _ => 0,
         }
     }
-}
-
-/// The first weight that f16 cannot hold.
-pub(super) fn overflowing_weight(step: &ConvolutionStep) -> Option<f32> {
-    step.layer.weight.iter().copied().find(|weight| weight.abs() > LARGEST_F16)
 }

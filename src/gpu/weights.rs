@@ -34,38 +34,73 @@ impl Packing {
     }
 }
 
-/// Weights in that layout, with zeros for the padding.
-pub(super) fn pack(step: &ConvolutionStep, transposed: bool, packing: Packing) -> Vec<f32> {
+/// Exponent of the largest weight to a channel in its unit, at f16: those 2²⁸ times smaller still have all digits.
+const LARGEST_EXPONENT: i32 = 14;
+
+/// The power of two in which the weights to each output channel are stored, so that `format` can hold them: the largest
+/// of them is about 2¹⁴ at f16. The epilogue multiplies by it.
+pub(super) fn weight_units(step: &ConvolutionStep, transposed: bool, format: Format) -> Vec<f32> {
+    match format {
+        Format::F32 => vec![1.0; step.out_channels],
+        Format::F16 => step.largest_weights(transposed).into_iter().map(unit_of).collect(),
+    }
+}
+
+/// The power of two in which `largest` is about 2¹⁴, and 1 for 0.
+pub(super) fn unit_of(largest: f32) -> f32 {
+    if largest == 0.0 {
+        return 1.0;
+    }
+    let exponent = largest.log2().floor() as i32 - LARGEST_EXPONENT;
+    2f32.powi(exponent.max(f32::MIN_EXP - 1))
+}
+
+/// Weights in that layout, each in the unit of its output channel, with zeros for the padding.
+pub(super) fn pack(step: &ConvolutionStep, transposed: bool, packing: Packing, units: &[f32]) -> Vec<f32> {
     let taps: usize = step.kernel.iter().product();
-    let (inputs, outputs) = (step.in_channels, step.out_channels);
     let Packing { groups, lanes, .. } = packing;
-    let tap_vectors = packing.tap(inputs);
+    let tap_vectors = packing.tap(step.in_channels);
     let mut packed = vec![0.0; 4 * taps * tap_vectors];
     for (index, &weight) in step.layer.weight.iter().enumerate() {
-        let (channel, tap) = (index / taps, index % taps);
-        // [out, in, tap], or [in, out, tap] for a transposed convolution.
-        let (i, o) = if transposed {
-            (channel / outputs, channel % outputs)
-        } else {
-            (channel % inputs, channel / inputs)
-        };
+        let [i, o, tap] = step.place_of(index, transposed);
         let (group, row) = (o / 4 % groups, o / 4 / groups * 4 + i % 4);
         let load = i / 4 * packing.loads() + row / lanes;
         let vector = tap * tap_vectors + (load * groups + group) * lanes + row % lanes;
-        packed[4 * vector + o % 4] = weight;
+        packed[4 * vector + o % 4] = weight / units[o];
     }
     packed
 }
 
-/// Bias, scale and shift, each padded with zeros to whole groups.
-pub(super) fn pack_terms(step: &ConvolutionStep, packing: Packing) -> Vec<f32> {
-    let row = 4 * packing.out_vectors();
-    let norm = step.layer.norm.as_ref().map(|(scale, shift)| [scale, shift]);
-    let mut terms = vec![0.0; 3 * row];
-    for (index, values) in std::iter::once(&step.layer.bias).chain(norm.into_iter().flatten()).enumerate() {
-        terms[index * row..][..values.len()].copy_from_slice(values);
+/// What the epilogue of a convolution wants to know of each output channel: rows of values that are padded to whole
+/// groups.
+#[derive(Clone, Debug)]
+pub(super) struct Terms {
+    /// Units of weights, bias, scale, shift, and parts of the output's unit that 1 is.
+    values: Vec<f32>,
+    /// Values of a row.
+    row: usize,
+}
+
+impl Terms {
+    pub fn new(step: &ConvolutionStep, packing: Packing, units: &[f32]) -> Self {
+        let row = 4 * packing.out_vectors();
+        let norm = step.layer.norm.as_ref().map(|(scale, shift)| [&scale[..], shift]);
+        let mut values = vec![0.0; 4 * row];
+        let rows = [units, &step.layer.bias].into_iter().chain(norm.into_iter().flatten());
+        for (index, terms) in rows.enumerate() {
+            values[index * row..][..terms.len()].copy_from_slice(terms);
+        }
+        values.resize(5 * row, 1.0);
+        Self { values, row }
     }
-    terms
+
+    /// The rows, where the input is stored in units of `input` and the output in units of `output`.
+    pub fn in_units(&self, input: f32, output: f32) -> Vec<f32> {
+        let mut values = self.values.clone();
+        values[..self.row].iter_mut().for_each(|unit| *unit *= input);
+        values[4 * self.row..].iter_mut().for_each(|part| *part /= output);
+        values
+    }
 }
 
 /// Values as they are stored.
@@ -115,10 +150,33 @@ mod tests {
         let tap = |k: i32| [0, 100, 200, -k, 10, 110, 210, -k].map(|v| (v + k) as f32).into_iter();
         let padding = || std::iter::repeat_n(0.0, 8);
         let expected: Vec<f32> = tap(0).chain(padding()).chain(tap(1)).chain(padding()).collect();
-        assert_eq!(pack(&step(2, 3, forward), false, packing), expected);
-        assert_eq!(pack(&step(2, 3, transposed), true, packing), expected);
-        let terms = pack_terms(&step(2, 3, vec![0.0; 12]), packing);
-        assert_eq!(terms, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let units = [1.0; 3];
+        assert_eq!(pack(&step(2, 3, forward), false, packing, &units), expected);
+        assert_eq!(pack(&step(2, 3, transposed), true, packing, &units), expected);
+        let terms = Terms::new(&step(2, 3, vec![0.0; 12]), packing, &[8.0, 4.0, 0.5]);
+        let rows = [[16.0, 8.0, 1.0, 0.0], [1.0, 2.0, 3.0, 0.0], [0.0; 4], [0.0; 4], [0.25; 4]];
+        assert_eq!(terms.in_units(2.0, 4.0), rows.concat());
+    }
+
+    /// Weights of any magnitude come back as exact as f16 is, however far apart those of two channels are.
+    #[test]
+    fn weights_of_any_magnitude_are_stored() {
+        let packing = Packing { groups: 1, vectors: 1, lanes: 1 };
+        let largest = [3e38, 7e4, 1.0, 6e-8, 1.2e-38];
+        for [a, b] in largest.map(|a| largest.map(|b| [a, b])).concat() {
+            // To two channels, from two channels, one tap of two: [out, in, tap].
+            let weight = vec![a, -a / 3.0, a / 777.0, 0.0, -b, b / 3.0, b / 777.0, 0.0];
+            let step = step(2, 2, weight.clone());
+            let units = weight_units(&step, false, Format::F16);
+            let packed = loaded(&stored(&pack(&step, false, packing, &units), Format::F16), Format::F16);
+            for (index, weight) in weight.into_iter().enumerate() {
+                let [i, o, tap] = step.place_of(index, false);
+                let back = f64::from(packed[16 * tap + 4 * i + o]) * f64::from(units[o]);
+                let error = (back - f64::from(weight)).abs();
+                assert!(error <= f64::from(weight.abs()) / 2048.0, "{back:e} for {weight:e}");
+            }
+        }
+        assert_eq!(weight_units(&step(1, 1, vec![0.0; 2]), false, Format::F16), [1.0]);
     }
 
     /// Every weight is where a lane of its group loads it, by the formula in the shader.
@@ -130,7 +188,7 @@ mod tests {
         for (groups, vectors, lanes) in [(3, 2, 1), (2, 3, 8), (1, 6, 32), (6, 1, 8)] {
             let packing = Packing { groups, vectors, lanes };
             let loads = (4 * vectors).div_ceil(lanes);
-            let packed = pack(&step, false, packing);
+            let packed = pack(&step, false, packing, &[1.0; 22]);
             for (index, &weight) in weight.iter().enumerate() {
                 let (o, i, tap) = (index / (2 * inputs), index / 2 % inputs, index % 2);
                 let (group, j) = (o / 4 % groups, o / 4 / groups);

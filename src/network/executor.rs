@@ -70,4 +70,9 @@ pub trait Executor: Send {
 
     /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".
     fn describe(&self) -> String;
+
+    /// Steps whose results met a value that the precision cannot hold and so are stored in larger units, and the units.
+    fn rescaled(&self) -> Vec<(String, f32)> {
+        Vec::new()
+    }
 }

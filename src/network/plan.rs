@@ -5,7 +5,7 @@
 //! step never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the
 //! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -107,12 +107,6 @@ impl Kernel {
             _ => false,
         }
     }
-
-    /// Whether its feature channels and weights are stored at an executor's precision. What other kernels read and write
-    /// is f32 always: irradiance, and what the kernels behind a net make of its last layer (design §7).
-    pub fn follows_precision(&self) -> bool {
-        matches!(self, Self::Features { .. } | Self::Conv3d(_) | Self::ConvTranspose3d(_))
-    }
 }
 
 /// A channel of [`Kernel::Features`].
@@ -143,6 +137,29 @@ pub struct ConvolutionStep {
     pub layer: Arc<Layer>,
 }
 
+impl ConvolutionStep {
+    /// Input channel, output channel and tap of weight `index`: [out, in, tap], or [in, out, tap] where it is transposed.
+    pub fn place_of(&self, index: usize, transposed: bool) -> [usize; 3] {
+        let taps: usize = self.kernel.iter().product();
+        let (channel, tap) = (index / taps, index % taps);
+        if transposed {
+            [channel / self.out_channels, channel % self.out_channels, tap]
+        } else {
+            [channel % self.in_channels, channel / self.in_channels, tap]
+        }
+    }
+
+    /// Largest magnitude of the weights to each output channel.
+    pub fn largest_weights(&self, transposed: bool) -> Vec<f32> {
+        let mut largest = vec![0.0f32; self.out_channels];
+        for (index, weight) in self.layer.weight.iter().enumerate() {
+            let [_, out, _] = self.place_of(index, transposed);
+            largest[out] = largest[out].max(weight.abs());
+        }
+        largest
+    }
+}
+
 /// One kernel call.
 #[derive(Clone, Debug)]
 pub struct Step {
@@ -156,6 +173,8 @@ pub struct Step {
     pub output: View,
     /// Frame of the window in which the output of a kernel on pixels begins.
     pub first_frame: usize,
+    /// Whether the output is f32 at any precision of an executor (see [`full_precision`]).
+    pub full_precision: bool,
 }
 
 /// Steps that are computed together, piece by piece in time.
@@ -274,6 +293,7 @@ impl Plan {
             (view, (start - wanted.start) as usize)
         };
         let computed = || graph.nodes.iter().filter(|node| needed.contains_key(node.name.as_str()));
+        let full = full_precision(graph);
         let copied = computed().filter(|node| matches!(node.op, Op::Concat)).flat_map(|node| {
             let parts = parts_to_copy(node, view(&node.name), view);
             parts.into_iter().map(|(_, input, _)| input.shape.c * input.shape.c)
@@ -288,8 +308,9 @@ impl Plan {
             if frames.is_empty() {
                 return Vec::new();
             }
+            let full_precision = full.contains(node.name.as_str());
             if matches!(node.op, Op::Concat) {
-                return copies(node, view(&node.name), view);
+                return copies(node, view(&node.name), full_precision, view);
             }
             let first = there(&node.name, group, piece).start;
             let output = view(&node.name).frames(frames.start - first, frames.len());
@@ -348,7 +369,7 @@ impl Plan {
                 Op::Concat => unreachable!("returned above"),
             };
             debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
-            vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame }]
+            vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame, full_precision }]
         };
         let (mut steps, mut runs) = (Vec::new(), Vec::new());
         for group in &groups {
@@ -409,6 +430,41 @@ impl Step {
     }
 }
 
+/// The tensors that are f32 at any precision (design §7). f16 is for what lies between two convolutions and no further:
+///
+/// - what is no convolution's result: irradiance, its logarithms, and the features that everything is computed from;
+/// - what is no convolution's input: the result, and what the kernels behind a net make of its last layers;
+/// - what residuals are added to, and the sums: this trunk runs through all of a net, and would be rounded at each sum.
+///
+/// The tensors of a concatenation are stored alike, since they lie side by side.
+fn full_precision(graph: &Graph) -> HashSet<&str> {
+    let mut full = HashSet::from([graph.output.as_str()]);
+    for node in &graph.nodes {
+        let name = node.name.as_str();
+        match (node.convolution(), &node.op) {
+            (Some(conv), _) => {
+                if let Some(added) = &conv.add {
+                    full.extend([added.as_str(), name]);
+                }
+            }
+            (None, Op::Concat) => {}
+            (None, _) => full.extend(node.tensors().map(String::as_str).chain([name])),
+        }
+    }
+    loop {
+        let before = full.len();
+        for concat in graph.nodes.iter().filter(|node| matches!(node.op, Op::Concat)) {
+            let alike = || concat.tensors().chain([&concat.name]).map(String::as_str);
+            if alike().any(|name| full.contains(name)) {
+                full.extend(alike());
+            }
+        }
+        if full.len() == before {
+            return full;
+        }
+    }
+}
+
 /// Which tensors are written straight into a concatenation: its node, and the first channel there.
 fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str, (usize, usize)> {
     let nodes: HashMap<&str, &Node> = graph.nodes.iter().map(|node| (node.name.as_str(), node)).collect();
@@ -437,7 +493,7 @@ fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str
 
 /// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with
 /// the identity, which are exact at any precision.
-fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> {
+fn copies(concat: &Node, whole: View, full_precision: bool, view: impl Fn(&str) -> View) -> Vec<Step> {
     let copy = |(name, input, output): (&String, View, View)| {
         let c = input.shape.c;
         let weight = (0..c * c).map(|i| if i % (c + 1) == 0 { 1.0 } else { 0.0 }).collect();
@@ -451,7 +507,7 @@ fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> 
             layer: Arc::new(Layer { weight, bias: vec![0.0; c], norm: None }),
         }));
         let name = format!("{name} in {}", concat.name);
-        Step { name, kernel, inputs: vec![input], output, first_frame: 0 }
+        Step { name, kernel, inputs: vec![input], output, first_frame: 0, full_precision }
     };
     parts_to_copy(concat, whole, view).into_iter().map(copy).collect()
 }

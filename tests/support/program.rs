@@ -66,3 +66,13 @@ pub fn within_limits(arguments: &[&str], limits: &str) -> Output {
     }
     child.wait_with_output().unwrap()
 }
+
+/// A weights file with a graph and nothing else.
+pub fn weights(graph: &str) -> Vec<u8> {
+    let text = |text: &str| serde_json::Value::String(text.to_owned()).to_string();
+    let header = format!(
+        r#"{{"__metadata__": {{"format": "pix2hdr-weights/1", "graph": {}, "response": "\"any\"", "provenance": "{{}}"}}}}"#,
+        text(graph)
+    );
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes()].concat()
+}

@@ -82,7 +82,14 @@ fn fuzz(minutes: Option<String>) -> Result<()> {
     let root = root()?;
     let target = target(&root);
     run(cargo()
-        .args(["build", "--release", "--manifest-path", "fuzz/Cargo.toml", "--target-dir"])
+        .args([
+            "build",
+            "--release",
+            "--no-default-features",
+            "--manifest-path",
+            "fuzz/Cargo.toml",
+            "--target-dir",
+        ])
         .arg(&target)
         .current_dir(&root))?;
     let driver = target.join("release").join(format!("pix2hdr-fuzz{}", env::consts::EXE_SUFFIX));

@@ -74,9 +74,9 @@ const MUTANTS: [Mutant; 12] = [
     Mutant {
         what: "what f16 cannot hold is not reported",
         file: "shaders/common/epilogue.wgsl",
-        sound: "if (LIMITED && largest > LIMIT)",
+        sound: "if (LIMITED && largest * terms[4 * TERM_VECTORS].x > LIMIT)",
         faulty: "if (LIMITED && largest > 1e38)",
-        test: ["gpu_executor", "overflow_of_f16_is_reported"],
+        test: ["gpu_executor", "what_f16_cannot_hold_is_stored_in_other_units"],
     },
     Mutant {
         what: "dead pixels are filled from dead ones",
