@@ -155,12 +155,16 @@ mod tests {
         assert_eq!(layer.flop, (2 * pixels * 9 * 3 * 5) as f64);
         assert_eq!(layer.bytes, (4 * (pixels * (3 + 5) + 9 * 3 * 5 + 5)) as f64);
         assert_eq!(layer.intensity(), layer.flop / layer.bytes);
-        assert_eq!(of_layer(Precision::F16).bytes, layer.bytes / 2.0);
+        // Features stay f32.
+        assert_eq!(
+            of_layer(Precision::F16).bytes,
+            (4 * pixels * 3 + 2 * (pixels * 5 + 9 * 3 * 5 + 5)) as f64
+        );
         // Values a pixel: estimate 1 + 1, logs 1 + 1, features 2 + 3, layer 3 + 5, tail 5 + 2, blend 4 + 1.
         let weights = 9 * 3 * 5 + 5 + 5 * 2 + 2;
         assert_eq!(Work::of_plan(&plan, Precision::F32).bytes, (4 * (pixels * 29 + weights)) as f64);
-        // The features, and what the two convolutions read and write, but for the tail's output.
-        let reduced = pixels * (3 + 3 + 5 + 5) + weights;
+        // What the first convolution writes and the second one reads, and the weights.
+        let reduced = pixels * (5 + 5) + weights;
         assert_eq!(
             Work::of_plan(&plan, Precision::F16).bytes,
             (4 * (pixels * 29 + weights) - 2 * reduced) as f64
