@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 12] = [
+const MUTANTS: [Mutant; 13] = [
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",
@@ -44,10 +44,17 @@ const MUTANTS: [Mutant; 12] = [
         test: ["cpu_executor", "slots_and_concatenations_change_nothing"],
     },
     Mutant {
+        what: "a piece reads frames of the next one before they are there",
+        file: "src/network/pieces.rs",
+        sound: "large && (read == now || read.is_empty())",
+        faulty: "large",
+        test: ["cpu_executor", "pieces_change_nothing"],
+    },
+    Mutant {
         what: "tiles see half of what results depend on",
         file: "src/synth/tiles.rs",
-        sound: "halo: [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])]",
-        faulty: "halo: [(ry / 2).next_multiple_of(unit[0]), (rx / 2).next_multiple_of(unit[1])]",
+        sound: "let halo = [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])]",
+        faulty: "let halo = [(ry / 2).next_multiple_of(unit[0]), (rx / 2).next_multiple_of(unit[1])]",
         test: ["synthesis", "tiles_equal_the_whole"],
     },
     Mutant {
@@ -198,4 +205,19 @@ fn copy_repository(root: &Path, copy: &Path) -> Result<()> {
         fs::write(&to, content).map_err(|e| format!("{}: {e}", to.display()))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_can_still_be_made() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        for Mutant { what, file, sound, faulty, .. } in MUTANTS {
+            let text = fs::read_to_string(root.join(file)).unwrap();
+            assert_eq!(text.matches(sound).count(), 1, "{what}: {file} does not hold '{sound}' once");
+            assert_ne!(sound, faulty, "{what}");
+        }
+    }
 }
