@@ -41,7 +41,7 @@ pub fn all() -> [Preset; 7] {
         preset!("fast", "predicted kernels, made for run time against error", "fast.safetensors"),
         preset!("fast-1-8", "the same for pattern mpve-1-8", "fast-1-8.safetensors"),
         preset!("fast-1-16", "the same for pattern mpve-1-16", "fast-1-16.safetensors"),
-        preset!("large", "fast at twice its width, between fast and paper"),
+        preset!("large", "fast at twice its width, between fast and paper", "large.safetensors"),
         preset!("paper-narrow", "the paper's LDR-net and HDR-net at half their width"),
         preset!("paper", "the paper's LDR-net and HDR-net"),
     ]

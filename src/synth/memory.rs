@@ -224,11 +224,16 @@ impl<'a> Memory<'a> {
             blocks.push(begin..end);
             begin = end;
         }
+        // Where the slab itself has changed all along a row, as in a scene that moves everywhere, the others say no more.
+        blocks.sort_by_key(|block| block.start != slab.start);
         // Sums of every block and cell, [rows, blocks, columns].
         let mut sums = vec![Sums::default(); rows * blocks.len() * cols];
         sums.par_chunks_mut(blocks.len() * cols).enumerate().for_each(|(r, sums)| {
             for (block, sums) in blocks.iter().zip(sums.chunks_mut(cols)) {
                 self.sums(seen, r, block.clone(), sums);
+                if sums.iter().all(|sums| sums.changed(allowed)) {
+                    break;
+                }
             }
         });
         let of = |r: usize, block: usize, c: usize| sums[(r * blocks.len() + block) * cols + c];
