@@ -97,7 +97,7 @@ fn by_frames(node: &Node) -> bool {
     match &node.op {
         Op::Concat => false,
         Op::Features { block, .. } | Op::Blend { block, .. } => block[0] == 1,
-        Op::ConvTranspose3d(conv) => conv.kernel[0] == 1,
+        Op::ConvTranspose3d(conv) => conv.kernel[0] == 1 && conv.stride[0] == 1,
         Op::Conv3d(conv) => conv.stride[0] == 1,
         _ => true,
     }
