@@ -4,11 +4,11 @@
 // constants, and `common/tone.wgsl` (`src/view/screen.rs`).
 
 struct Part {
-    // First row and column, pixels of the frame from one that is shown to the next, and side of what one is the mean of.
+    // First row and column, and pixels of the frame from one that is shown to the next, which is the mean of them.
     row: u32,
     col: u32,
     stride: u32,
-    reach: u32,
+    kind: u32,
     // Of the frame, and of the part.
     height: u32,
     width: u32,
@@ -17,7 +17,6 @@ struct Part {
     // Values in front of each plane, and from one row to the next.
     first: vec2<u32>,
     pitch: vec2<u32>,
-    kind: u32,
     clipping: u32,
     dither: u32,
     false_colour: u32,
@@ -42,21 +41,17 @@ struct Part {
 @group(0) @binding(5) var<storage, read> computed: array<u32>;
 @group(0) @binding(6) var pixels: texture_storage_2d<rgba8unorm, write>;
 
-const RAW = 1u;
-const SUB_FRAMES = 2u;
-const DIFFERENCE = 3u;
-
 // As the executors' results are read: what is not finite is black.
 fn finite(value: f32) -> f32 {
     return select(value, 0.0, (bitcast<u32>(value) & 0x7f800000u) == 0x7f800000u);
 }
 
-// Mean over the square of `reach` pixels at row y, column x of a plane.
+// Mean over the square of `stride` pixels at row y, column x of a plane.
 fn mean(y: u32, x: u32) -> vec2<f32> {
     var sum = vec2<f32>();
     var n = 0.0;
-    for (var v = y; v < min(y + part.reach, part.height); v++) {
-        for (var u = x; u < min(x + part.reach, part.width); u++) {
+    for (var v = y; v < min(y + part.stride, part.height); v++) {
+        for (var u = x; u < min(x + part.stride, part.width); u++) {
             let at = part.first + v * part.pitch + u;
             sum.x += finite(plane[at.x]);
             if (part.kind == DIFFERENCE) {

@@ -1,6 +1,9 @@
 //! The viewer without a window: the engine's promises, and the interface through its accessibility tree.
 #![cfg(feature = "view")]
 
+#[path = "support/offscreen.rs"]
+mod offscreen;
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -366,46 +369,10 @@ fn image(interface: &Interface) -> Image {
     let screen = egui_wgpu::ScreenDescriptor { size_in_pixels: [width, height], pixels_per_point: 1.0 };
     let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
     let more = renderer.write().update_buffers(device, queue, &mut encoder, &jobs, &screen);
-    let extent = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-    let target = device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: extent,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: *target_format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
-    let view = target.create_view(&wgpu::TextureViewDescriptor::default());
-    let attachment = wgpu::RenderPassColorAttachment {
-        view: &view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: wgpu::Operations::default(),
-    };
-    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        color_attachments: &[Some(attachment)],
-        ..Default::default()
-    });
-    renderer.read().render(&mut pass.forget_lifetime(), &jobs, &screen);
-    let pitch = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-    let copy = device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: u64::from(pitch * height),
-        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(pitch), rows_per_image: None };
-    let to = wgpu::TexelCopyBufferInfo { buffer: &copy, layout };
-    encoder.copy_texture_to_buffer(target.as_image_copy(), to, extent);
-    queue.submit(more.into_iter().chain([encoder.finish()]));
-    copy.map_async(wgpu::MapMode::Read, .., |mapped| mapped.unwrap());
-    device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
-    let bytes = copy.get_mapped_range(..).unwrap();
-    let row =
-        |row: &[u8]| row[..4 * width as usize].chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
-    let mut pixels: Vec<u8> = bytes.chunks(pitch as usize).flat_map(row).collect();
+    let mut pixels =
+        offscreen::pixels((device, queue), *target_format, [width, height], encoder, more, |pass| {
+            renderer.read().render(pass, &jobs, &screen);
+        });
     // The source's name is another one in every run.
     let [rows, cols] = [0..34, 72..206];
     for y in rows {

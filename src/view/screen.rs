@@ -24,6 +24,11 @@ use crate::network::{MU, SATURATED};
 
 /// Rows and columns of pixels that a workgroup computes.
 const BLOCK: usize = 8;
+/// What a picture shows, and so how it is computed.
+const IRRADIANCE: u32 = 0;
+const RAW: u32 = 1;
+const SUB_FRAMES: u32 = 2;
+const DIFFERENCE: u32 = 3;
 /// Where no pixel of a sub-frame stands.
 const NO_SOURCE: u32 = u32::MAX;
 
@@ -131,14 +136,13 @@ struct PartUniform {
     row: u32,
     col: u32,
     stride: u32,
-    reach: u32,
+    kind: u32,
     height: u32,
     width: u32,
     rows: u32,
     cols: u32,
     first: [u32; 2],
     pitch: [u32; 2],
-    kind: u32,
     clipping: u32,
     dither: u32,
     false_colour: u32,
@@ -147,7 +151,7 @@ struct PartUniform {
     cell_rows: u32,
     cell_cols: u32,
     cells: u32,
-    padding: [u32; 3],
+    padding: u32,
 }
 
 impl Screen {
@@ -329,7 +333,6 @@ impl Screen {
             row: part.rows.start as u32,
             col: part.cols.start as u32,
             stride: part.stride as u32,
-            reach: part.stride as u32,
             height: frame.height as u32,
             width: frame.width as u32,
             rows: rows as u32,
@@ -337,10 +340,10 @@ impl Screen {
             first: [plane.first, other.first],
             pitch: [plane.pitch, other.pitch],
             kind: match picture {
-                Picture::Mosaic => 1,
-                Picture::SubFrames => 2,
-                Picture::Difference | Picture::FilteredDifference => 3,
-                Picture::Filtered | Picture::Ours | Picture::Truth => 0,
+                Picture::Mosaic => RAW,
+                Picture::SubFrames => SUB_FRAMES,
+                Picture::Difference | Picture::FilteredDifference => DIFFERENCE,
+                Picture::Filtered | Picture::Ours | Picture::Truth => IRRADIANCE,
             },
             clipping: display.clipping.into(),
             dither: display.dither.into(),
@@ -350,7 +353,7 @@ impl Screen {
             cell_rows: 0,
             cell_cols: 0,
             cells: 0,
-            padding: [0; 3],
+            padding: 0,
         };
         let mut computed = self.nothing.clone();
         if let Some(cells) = cells {
@@ -514,6 +517,9 @@ fn header() -> String {
         constant(&format!("{name}_LEN"), format!("{}.0", colours.len()));
     }
     constant("BAYER", format!("array<f32, 16>({thresholds})"));
+    for (name, kind) in [("RAW", RAW), ("SUB_FRAMES", SUB_FRAMES), ("DIFFERENCE", DIFFERENCE)] {
+        constant(name, format!("{kind}u"));
+    }
     constant("NO_SOURCE", format!("{NO_SOURCE}u"));
     constant("MANTISSA", format!("{MANTISSA}u"));
     constant("TABLE_FIRST", format!("{}u", ToneTable::FIRST));
@@ -522,6 +528,10 @@ fn header() -> String {
     constant("LN_1P_MU", format!("{:?}", MU.ln_1p()));
     text
 }
+
+#[cfg(test)]
+#[path = "../../tests/support/offscreen.rs"]
+mod offscreen;
 
 #[cfg(test)]
 mod tests {
@@ -549,46 +559,9 @@ mod tests {
         let device = screen.device.clone();
         let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         screen.prepare(&painting, queue, &descriptor, &mut encoder);
-        let extent = wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 };
-        let target = device.create_texture(&wgpu::TextureDescriptor {
-            label: None,
-            size: extent,
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: TextureFormat::Rgba8Unorm,
-            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
-            view_formats: &[],
-        });
-        let view = target.create_view(&wgpu::TextureViewDescriptor::default());
-        let attachment = wgpu::RenderPassColorAttachment {
-            view: &view,
-            depth_slice: None,
-            resolve_target: None,
-            ops: wgpu::Operations::default(),
-        };
-        let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            color_attachments: &[Some(attachment)],
-            ..Default::default()
-        });
-        screen.paint(&painting, size, &mut pass.forget_lifetime());
-        let pitch = (4 * size[0]).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
-        let copy = device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: u64::from(pitch * size[1]),
-            usage: BufferUsages::MAP_READ | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(pitch), rows_per_image: None };
-        let to = wgpu::TexelCopyBufferInfo { buffer: &copy, layout };
-        encoder.copy_texture_to_buffer(target.as_image_copy(), to, extent);
-        queue.submit([encoder.finish()]);
-        copy.map_async(wgpu::MapMode::Read, .., |mapped| mapped.unwrap());
-        device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
-        let bytes = copy.get_mapped_range(..).unwrap();
-        let row = |row: &[u8]| row[..4 * cols].chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
-        bytes.chunks(pitch as usize).flat_map(row).collect()
+        offscreen::pixels((&device, queue), TextureFormat::Rgba8Unorm, size, encoder, Vec::new(), |pass| {
+            screen.paint(&painting, size, pass);
+        })
     }
 
     fn frame(height: usize, width: usize) -> Frame {
