@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::convolution::Packed;
-use super::view::{ScratchPool, TensorView, TensorViewMut};
+use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
 use crate::network::{Executor, Kernel, Plan, Run, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
@@ -50,7 +50,7 @@ struct Memory<R> {
     /// Results that were collected.
     free: Vec<Vec<f32>>,
     /// The inner slots of pieces that are computed at the same time.
-    inner: Mutex<Vec<Vec<Vec<R>>>>,
+    inner: Spare<Vec<Vec<R>>>,
     scratch: ScratchPool<R>,
 }
 
@@ -59,7 +59,7 @@ impl<R> Default for Shared<R> {
         let memory = Memory {
             slots: Vec::new(),
             free: Vec::new(),
-            inner: Mutex::default(),
+            inner: Spare::default(),
             scratch: ScratchPool::default(),
         };
         Self { weights: Arc::default(), memory: Arc::new(Mutex::new(memory)) }
@@ -178,17 +178,16 @@ impl<R: Real> CpuExecutor<R> {
                 (rest, at) = (behind, begin + len);
             }
         }
-        pieces.into_par_iter().with_max_len(1).for_each(|(steps, mut parts)| {
-            let lock = || inner.lock().unwrap_or_else(PoisonError::into_inner);
-            let mut own = lock().pop().unwrap_or_default();
-            own.resize_with(own.len().max(run.inner.len()), Vec::new);
-            for (values, &(slot, len)) in own.iter_mut().zip(&run.inner) {
-                values.resize(len.max(values.len()), R::ZERO);
-                parts.push(Part { slot, begin: 0, values });
-            }
-            self.piece(steps, schedule, slots, &mut parts, scratch);
-            drop(parts);
-            lock().push(own);
+        pieces.into_par_iter().with_max_len(1).for_each(|(steps, parts)| {
+            inner.with(|own| {
+                let mut parts = parts;
+                own.resize_with(own.len().max(run.inner.len()), Vec::new);
+                for (values, &(slot, len)) in own.iter_mut().zip(&run.inner) {
+                    values.resize(len.max(values.len()), R::ZERO);
+                    parts.push(Part { slot, begin: 0, values });
+                }
+                self.piece(steps, schedule, slots, &mut parts, scratch);
+            });
         });
         for (slot, values) in outputs {
             slots[slot] = values;

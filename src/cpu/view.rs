@@ -181,9 +181,12 @@ pub struct Scratch<R> {
     pub segments: Vec<Segment>,
 }
 
-/// Scratch memory of tasks that run at the same time; there are never more than threads.
+/// Memory of tasks that run at the same time.
 #[derive(Debug)]
-pub struct ScratchPool<R>(Mutex<Vec<Scratch<R>>>);
+pub struct Spare<T>(Mutex<Vec<T>>);
+
+/// Scratch memory of tasks that run at the same time; there are never more than threads.
+pub type ScratchPool<R> = Spare<Scratch<R>>;
 
 impl<R> Default for Scratch<R> {
     fn default() -> Self {
@@ -197,19 +200,19 @@ impl<R> Default for Scratch<R> {
     }
 }
 
-impl<R> Default for ScratchPool<R> {
+impl<T> Default for Spare<T> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<R> ScratchPool<R> {
-    /// Runs `task` with scratch memory that no other task has.
-    pub fn with<T>(&self, task: impl FnOnce(&mut Scratch<R>) -> T) -> T {
+impl<T: Default> Spare<T> {
+    /// Runs `task` with memory that no other task has.
+    pub fn with<U>(&self, task: impl FnOnce(&mut T) -> U) -> U {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut scratch = lock().pop().unwrap_or_default();
-        let result = task(&mut scratch);
-        lock().push(scratch);
+        let mut memory = lock().pop().unwrap_or_default();
+        let result = task(&mut memory);
+        lock().push(memory);
         result
     }
 }
