@@ -2,6 +2,13 @@
 
 use sysinfo::System;
 
+/// Bytes of a line of /proc/self/status, such as `VmRSS:`; nothing where the system has none (Linux has one).
+pub fn status(line: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let text = status.lines().find_map(|text| text.strip_prefix(line))?;
+    text.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+}
+
 /// Bytes of memory that this process may use: the machine's, or what a container leaves of it.
 pub fn memory() -> Option<u64> {
     let mut system = System::new();

@@ -6,7 +6,7 @@ use super::Peak;
 use crate::cpu::probe;
 use crate::gpu::GpuError;
 use crate::synth::Backend;
-use crate::system::memory;
+use crate::system;
 
 /// What a reader of the figures must know of the machine. What the system does not tell is none.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -54,7 +54,7 @@ impl Machine {
             arch: std::env::consts::ARCH,
             cpu: line("/proc/cpuinfo", "model name"),
             cpu_threads: rayon::current_num_threads(),
-            memory_bytes: memory(),
+            memory_bytes: system::memory(),
             peaks: Vec::new(),
         }
     }
@@ -81,13 +81,7 @@ pub(super) fn reset_peak_memory() -> bool {
 
 /// Largest memory of this process in bytes since [`reset_peak_memory`], shared pages included.
 pub(super) fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    kilobytes(status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?)
-}
-
-/// Bytes from a text such as "1234 kB".
-fn kilobytes(text: &str) -> Option<u64> {
-    text.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+    system::status("VmHWM:")
 }
 
 /// Processor time of this process in seconds, all threads together (Linux): fields 14 and 15 of /proc/self/stat, in

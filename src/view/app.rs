@@ -22,6 +22,7 @@ use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets}
 use super::tone::ToneTable;
 use crate::gpu::Gpu;
 use crate::synth::{self, Backend};
+use crate::system;
 use crate::video::PreviewWriter;
 use crate::{Error, Result};
 
@@ -586,9 +587,7 @@ impl Message {
 
 /// Bytes of memory that the process holds, where the system says (Linux).
 pub(super) fn resident_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib << 10)
+    system::status("VmRSS:")
 }
 
 /// The viewer as eframe wants it; it is handed back when the window is closed.
