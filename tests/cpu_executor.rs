@@ -222,7 +222,8 @@ fn pieces_change_nothing() {
         for bytes in [1, 10_000, 200_000] {
             let plan = Plan::in_pieces(&model, height, width, bytes).unwrap();
             let name = &plan.name;
-            if bytes == 1 && ["kernels", "tiny", "fast"].contains(&name.as_str()) {
+            let blends = ["kernels", "tiny", "fast"].contains(&name.as_str());
+            if bytes == 1 && blends {
                 assert!(plan.steps.len() > 2 * whole.steps.len(), "{name} is not cut");
                 assert!(plan.slot_bytes(4) < whole.slot_bytes(4), "{name} in pieces takes as much memory");
             }
@@ -242,7 +243,8 @@ fn pieces_change_nothing() {
                     }
                 })
                 .unwrap();
-            if frames.len() == expected.len() {
+            // The others compute frames that are no results, too.
+            if blends {
                 assert_eq!(expected, bits(&frames), "{name}, {bytes} bytes, step by step");
             }
         }
