@@ -623,10 +623,11 @@ impl eframe::App for Window {
 /// Opens the window, and returns when it is closed.
 pub fn run(start: Start) -> Result<Pace> {
     let begun = Instant::now();
-    if !has_display() {
-        return Err(no_window("there is no display"));
+    // Before anything else: the engine and its drivers may have more to say about a missing display than one line.
+    if let Some(problem) = no_display() {
+        return Err(no_window(&problem));
     }
-    let shared = if may_be_reached() { start.shared_gpu(&start.dials)? } else { None };
+    let shared = start.shared_gpu(&start.dials)?;
     let mut viewer = Viewer::new(start, begun, shared);
     for _ in 0..=REOPENINGS {
         viewer = open_window(viewer)?;
@@ -705,23 +706,36 @@ fn own_device() -> egui_wgpu::WgpuSetup {
     setup.into()
 }
 
-/// Whether there can be a window.
-fn has_display() -> bool {
-    let is = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    !cfg!(all(unix, not(target_os = "macos")))
-        || is("DISPLAY")
-        || is("WAYLAND_DISPLAY")
-        || is("WAYLAND_SOCKET")
+/// Why there can be no window, where that can be told without opening one.
+fn no_display() -> Option<String> {
+    let named = |name| std::env::var(name).ok().filter(|value| !value.is_empty());
+    if !cfg!(all(unix, not(target_os = "macos")))
+        || named("WAYLAND_DISPLAY").is_some()
+        || named("WAYLAND_SOCKET").is_some()
+    {
+        return None;
+    }
+    let Some(display) = named("DISPLAY") else { return Some("there is no display".into()) };
+    (!answers(&display)).then(|| format!("no X server answers at DISPLAY={display}"))
 }
 
-/// Whether it makes sense to open a GPU for a window: where a display of this machine has no socket there will be none,
-/// and drivers may have more to say about it than one line.
-fn may_be_reached() -> bool {
-    let display = std::env::var("DISPLAY").unwrap_or_default();
-    let number = display.strip_prefix(':').and_then(|rest| rest.split('.').next());
-    cfg!(not(target_os = "linux"))
-        || std::env::var_os("WAYLAND_DISPLAY").is_some()
-        || number.is_none_or(|number| std::path::Path::new(&format!("/tmp/.X11-unix/X{number}")).exists())
+/// Whether a server may answer at an X display; only those of this machine are asked.
+#[cfg(target_os = "linux")]
+fn answers(display: &str) -> bool {
+    use std::os::linux::net::SocketAddrExt;
+    use std::os::unix::net::{SocketAddr, UnixStream};
+
+    let display = display.strip_prefix("unix:").map_or(display.strip_prefix(':'), Some);
+    let Some(number) = display.and_then(|rest| rest.split('.').next()) else { return true };
+    // Servers listen at a path and, for those in a container of their own, at the same name without a file.
+    let path = format!("/tmp/.X11-unix/X{number}");
+    let unnamed = SocketAddr::from_abstract_name(&path).and_then(|address| UnixStream::connect_addr(&address));
+    unnamed.or_else(|_| UnixStream::connect(&path)).is_ok()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn answers(_: &str) -> bool {
+    true
 }
 
 fn no_window(problem: &str) -> Error {

@@ -93,6 +93,18 @@ def read_weights(path) -> tuple[dict, dict[str, np.ndarray], dict]:
     return graph, tensors, metadata
 
 
+def trainable_state(path) -> tuple[dict[str, torch.Tensor], dict]:
+    """State of a `GraphNet` to train on from a weights file, and the file's provenance.
+
+    ValueError for nets with batch norm: the file holds its scale and shift, not the statistics that training goes on with.
+    """
+    _, tensors, metadata = read_weights(path)
+    if any(name.endswith(".scale") for name in tensors):
+        raise ValueError("a weights file says too little of batch norm to train on; start from the run's checkpoint")
+    state = {f"layers.{name}": torch.from_numpy(value).float() for name, value in tensors.items()}
+    return state, json.loads(metadata.get("provenance", "{}"))
+
+
 def net_from_weights(path, inverse: InverseResponse) -> GraphNet:
     """The net of a weights file, in eval mode; meant for running it, not for training on."""
     graph, tensors, _ = read_weights(path)

@@ -16,7 +16,7 @@ import torch
 
 from .curve import Curve
 from .data import Batch, Crops, Dataset, Prefetch
-from .export import write_atomically, write_weights
+from .export import trainable_state, write_atomically, write_weights
 from .graph import GraphNet
 from .layout import gflop_per_frame
 from .losses import SIMPLE, PaperLoss, Vgg
@@ -108,6 +108,14 @@ def load_checkpoint(path) -> dict:
     return state
 
 
+def starting_state(path: Path) -> tuple[dict, dict]:
+    """Averaged weights to start from, and where they come from, of a checkpoint or a weights file."""
+    if path.suffix == ".safetensors":
+        return trainable_state(path)
+    state = load_checkpoint(path)
+    return state["ema"], json.loads(state["provenance"])
+
+
 def net_from_checkpoint(state: dict) -> GraphNet:
     """The averaged net of a checkpoint, in eval mode."""
     net = GraphNet(json.loads(state["graph"]), InverseResponse(state["inverse_response"]))
@@ -148,7 +156,7 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--lr", type=float, default=2e-3)
     parser.add_argument("--loss", choices=[*SIMPLE, "paper"], default="log_mse")
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
-    parser.add_argument("--init", type=Path, help="start from this checkpoint's averaged weights: the same layers, as wide or narrower")
+    parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: the same layers, as wide or narrower")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
     parser.add_argument("--perceptual-frames", type=int, default=0, help="frames per window in L_perc (0: all)")
@@ -188,12 +196,11 @@ class Run:
                 raise ValueError("--loss paper needs --vgg")
             paper = PaperLoss(Vgg(args.vgg).to(args.device), args.perceptual_weight, args.perceptual_frames)
         if args.init:
-            state = load_checkpoint(args.init)
             try:
-                net.load_state_dict(widened(state["ema"], net, args.seed))
+                state, self.start = starting_state(args.init)
+                net.load_state_dict(widened(state, net, args.seed))
             except ValueError as error:
                 raise ValueError(f"{args.init}: {error}") from error
-            self.start = json.loads(state["provenance"])
         objective = Objective(net, args.stage, args.loss, paper)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
         self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed)

@@ -9,7 +9,7 @@ import pytest
 import torch
 from pix2hdr_training import presets
 from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated
-from pix2hdr_training.export import net_from_weights, read_weights
+from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
 from pix2hdr_training.graph import GraphNet
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, mean_ssim
 from pix2hdr_training.objective import Objective
@@ -232,3 +232,20 @@ def test_a_widened_net_computes_the_same(data_folder):
         widened(wide.state_dict(), narrow)
     with pytest.raises(ValueError, match="layers differ"):
         widened(narrow.state_dict(), GraphNet(SMALL["paper"], data.inverse))
+
+
+def test_a_run_starts_from_a_weights_file(graph_file, data_folder, tmp_path):
+    assert run(graph_file, data_folder, tmp_path / "first", "--steps", 3) == 0
+    weights = tmp_path / "first" / "weights.safetensors"
+    # A learning rate of zero: what comes out is what went in.
+    assert run(graph_file, data_folder, tmp_path / "second", "--steps", 1, "--lr", 0, "--init", weights) == 0
+    (_, before, _), (_, after, metadata) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert json.loads(metadata["provenance"])["start"]["steps"] == 3
+
+
+def test_batch_norm_does_not_start_from_a_weights_file(data_folder, tmp_path):
+    data = Dataset(data_folder)
+    write_weights(tmp_path / "w.safetensors", GraphNet(SMALL["paper"], data.inverse).eval())
+    with pytest.raises(ValueError, match="batch norm"):
+        trainable_state(tmp_path / "w.safetensors")
