@@ -32,11 +32,11 @@ fn weight(pixel: Pixel, i: i32) -> f32 {
 
 // What tap `i` adds. Taps are constants in the text: an array of them would be copied by each invocation.
 fn contribution(pixel: Pixel, i: i32, dt: i32, dy: i32, dx: i32) -> f32 {
-    let tap_t = LEAD + pixel.t + dt;
-    let tap_y = pixel.y + dy;
+    let tap_t = ORIGIN_T + pixel.t + dt;
+    let tap_y = ORIGIN_Y + pixel.y + dy;
     let tap_x = pixel.x + dx;
-    if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < OUTPUT_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
-        return weight(pixel, i) * (logs[LOGS_OFFSET + (tap_t * OUTPUT_Y + tap_y) * OUTPUT_X + tap_x] - pixel.base);
+    if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < LOGS_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
+        return weight(pixel, i) * (logs[LOGS_OFFSET + (tap_t * LOGS_Y + tap_y) * OUTPUT_X + tap_x] - pixel.base);
     }
     return 0.0;
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use pix2hdr::cpu::bound::{self, bound, largest_fraction};
 use pix2hdr::cpu::{CpuExecutor, Shared, Simd, evaluate};
-use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Tensor, Window, presets};
+use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Step, Tensor, Window, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -92,6 +92,32 @@ const DENSE: &str = r#"{"version": 1, "name": "dense", "pattern": "any",
      "stride": [1, 1, 1], "activation": "sigmoid"},
     {"name": "result", "op": "concat", "inputs": ["c", "d"]}]}"#;
 
+/// A net whose frames do not depend on their window, with parts of a concatenation that later frames read, and a transposed
+/// convolution whose taps overlap.
+const STREAM: &str = r#"{"version": 1, "name": "stream", "pattern": "any",
+    "window": {"frames": 17, "lead": 6, "hop": 5}, "output": "radiance", "nodes": [
+    {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+    {"name": "logs", "op": "log_irradiance", "inputs": ["measurement"]},
+    {"name": "features", "op": "features", "inputs": ["measurement", "estimate", "logs"],
+     "channels": ["log_irradiance", "log_estimate"], "neighbours": [-3, 2], "block": [1, 2, 4]},
+    {"name": "a", "op": "conv3d", "inputs": ["features"], "out_channels": 8, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "b", "op": "conv3d", "inputs": ["a"], "out_channels": 6, "kernel": [1, 3, 1],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "both", "op": "concat", "inputs": ["a", "b"]},
+    {"name": "down", "op": "conv3d", "inputs": ["both"], "out_channels": 10, "kernel": [3, 3, 3],
+     "stride": [1, 2, 2], "activation": {"leaky_relu": 0.2}},
+    {"name": "wide", "op": "conv3d", "inputs": ["down"], "out_channels": 9, "kernel": [1, 1, 1],
+     "stride": [1, 1, 1], "activation": "none"},
+    {"name": "up", "op": "conv_transpose3d", "inputs": ["wide"], "out_channels": 12, "kernel": [1, 4, 4],
+     "stride": [1, 2, 2], "activation": "none"},
+    {"name": "fine", "op": "conv3d", "inputs": ["up"], "out_channels": 8, "kernel": [1, 3, 3],
+     "stride": [1, 1, 1], "activation": {"leaky_relu": 0.2}},
+    {"name": "tail", "op": "conv3d", "inputs": ["fine"], "out_channels": 64, "kernel": [1, 1, 1],
+     "stride": [1, 1, 1], "activation": "none"},
+    {"name": "radiance", "op": "blend", "inputs": ["tail", "logs", "estimate"], "block": [1, 2, 4],
+     "taps": [[0, 0, 0], [-2, 1, -1], [3, 0, 2], [1, -2, 0], [0, 3, 1], [-1, 0, 0], [2, -1, 1]]}]}"#;
+
 fn nets() -> Vec<(Model, [usize; 2])> {
     vec![
         (model(U_NET, 1), [12, 14]),
@@ -99,6 +125,7 @@ fn nets() -> Vec<(Model, [usize; 2])> {
         (model(U_NET, 3), [22, 70]),
         (model(KERNELS, 4), [4, 8]),
         (model(KERNELS, 5), [36, 56]),
+        (model(STREAM, 7), [28, 24]),
         (model(DENSE, 6), [5, 14]),
     ]
 }
@@ -222,10 +249,13 @@ fn pieces_change_nothing() {
         for bytes in [1, 10_000, 200_000] {
             let plan = Plan::in_pieces(&model, height, width, bytes).unwrap();
             let name = &plan.name;
-            let blends = ["kernels", "tiny", "fast"].contains(&name.as_str());
+            let blends = ["kernels", "stream", "tiny", "fast"].contains(&name.as_str());
             if bytes == 1 && blends {
                 assert!(plan.steps.len() > 2 * whole.steps.len(), "{name} is not cut");
-                assert!(plan.slot_bytes(4) < whole.slot_bytes(4), "{name} in pieces takes as much memory");
+                let less = plan.slot_bytes(4) < whole.slot_bytes(4);
+                assert!(name == "stream" || less, "{name} in pieces takes as much memory");
+                let rows = |step: &Step| step.name == "tail" && step.output.shape.y < height / 2;
+                assert!(name == "tiny" || plan.steps.iter().any(rows), "{name} is not cut into rows");
             }
             for threads in [1, 3] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -247,6 +277,69 @@ fn pieces_change_nothing() {
             if blends {
                 assert_eq!(expected, bits(&frames), "{name}, {bytes} bytes, step by step");
             }
+        }
+    }
+}
+
+#[test]
+fn a_window_that_follows_computes_what_is_new_and_the_same() {
+    let preset = |name: &str| {
+        let mut model = Model::random(presets::by_name(name).unwrap().graph().unwrap(), 3).unwrap();
+        let Window { frames, lead, hop } = model.graph.window;
+        model.graph.window = Window { frames: frames - hop + 9, lead, hop: 9 };
+        let [_, y, x] = model.graph.granularity().unwrap();
+        (model, [2 * y, 2 * x])
+    };
+    let nets = [(model(STREAM, 8), [28, 24]), preset("tiny"), preset("fast")];
+    for ((model, [height, width]), bytes) in
+        nets.into_iter().flat_map(|net| [1, 10_000, usize::MAX].map(|bytes| (net.clone(), bytes)))
+    {
+        let Window { frames, hop, .. } = model.graph.window;
+        let whole = Plan::lower(&model, height, width).unwrap();
+        let plan = Plan::streaming(&model, height, width, bytes).unwrap();
+        let name = &plan.name;
+        assert!(plan.following.is_some(), "{name} does not stream");
+        // Pieces of rows overlap.
+        assert!(bytes < usize::MAX || plan.flop() < whole.flop(), "{name} computes too much anew");
+        let recording = measurement((frames + 4 * hop) * height * width, 6);
+        let window = |k: usize| &recording[k * hop * height * width..][..frames * height * width];
+        let schedule = |k: usize| SCHEDULE + (k * hop) as i64;
+        let shared = Shared::default();
+        let mut streaming = CpuExecutor::<f32>::sharing(plan.clone(), camera(), &shared);
+        let mut other = CpuExecutor::<f32>::sharing(whole.clone(), camera(), &shared);
+        for k in 0..5 {
+            let mut expected = vec![f32::NAN; whole.result.shape.len()];
+            CpuExecutor::<f32>::new(whole.clone(), camera())
+                .run(window(k), schedule(k), &mut expected)
+                .unwrap();
+            let mut result = vec![f32::NAN; plan.result.shape.len()];
+            if k == 0 {
+                streaming.submit(window(k), schedule(k)).unwrap();
+            } else {
+                streaming.follow(window(k), schedule(k)).unwrap();
+            }
+            streaming.collect(&mut result).unwrap();
+            assert!(expected == result, "{name}, {bytes} bytes, window {k}");
+            if k == 2 {
+                // Another executor in the same memory: what was known is lost, and nothing else.
+                other.run(window(0), schedule(0), &mut expected).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn nets_that_depend_on_their_window_do_not_stream() {
+    for (graph, size) in [(U_NET, [12, 14]), (KERNELS, [4, 8]), (DENSE, [5, 14])] {
+        let plan = Plan::streaming(&model(graph, 1), size[0], size[1], 10_000).unwrap();
+        assert!(plan.following.is_none(), "{}", plan.name);
+        // Its windows follow each other as any others do.
+        let mut executor = CpuExecutor::<f32>::new(plan.clone(), camera());
+        for seed in [1, 2] {
+            let mut result = vec![f32::NAN; plan.result.shape.len()];
+            executor.follow(&measurement(plan.measurement.shape.len(), seed), SCHEDULE).unwrap();
+            executor.collect(&mut result).unwrap();
+            assert_eq!(result, run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, seed));
         }
     }
 }

@@ -157,12 +157,12 @@ fn log_irradiance_is_the_tone_of_the_irradiance() {
 #[test]
 fn blend_weighs_the_taps_that_lie_inside() {
     let taps = [[0, 0, 0], [0, -1, 2], [-2, 0, 0], [3, 1, -1], [0, 0, -40]];
-    let (lead, [by, bx], n) = (1, [2, 3], taps.len() + 1);
+    let ([first_t, first_y], [by, bx], n) = ([1, 2], [2, 3], taps.len() + 1);
     let shape = Shape::new([3, 4, 9], 1);
     let weights = random(Shape::new([3, 4 / by, 9 / bx], n * by * bx), -0.5..0.5, 11);
-    let logs = random(Shape { t: 6, ..shape }, 0.0..1.0, 12);
+    let logs = random(Shape { t: 6, y: 8, ..shape }, 0.0..1.0, 12);
     let estimate = random(shape, 0.0..1.0, 13);
-    let kernel = Kernel::Blend { block: [1, by, bx], taps: taps.to_vec(), lead };
+    let kernel = Kernel::Blend { block: [1, by, bx], taps: taps.into(), origin: [first_t, first_y] };
     let radiance = run(&kernel, &[weights.clone(), logs.clone(), estimate.clone()], shape);
     assert_close(&radiance, |t, row, column, _| {
         let pixel = row % by * bx + column % bx;
@@ -170,8 +170,9 @@ fn blend_weighs_the_taps_that_lie_inside() {
         let base = tone(at(&estimate, t, row, column, 0));
         let mut v = base + weight(n - 1);
         for (i, [dt, dy, dx]) in taps.into_iter().enumerate() {
-            let [frame, row, column] = [(t + lead) as i32 + dt, row as i32 + dy, column as i32 + dx];
-            if (0..6).contains(&frame) && (0..4).contains(&row) && (0..9).contains(&column) {
+            let [frame, row, column] =
+                [(first_t + t) as i32 + dt, (first_y + row) as i32 + dy, column as i32 + dx];
+            if (0..6).contains(&frame) && (0..8).contains(&row) && (0..9).contains(&column) {
                 v += weight(i) * (at(&logs, frame as usize, row as usize, column as usize, 0) - base);
             }
         }

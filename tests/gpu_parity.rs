@@ -374,7 +374,7 @@ fn broken_shaders_are_caught() {
         ("features", "pixel_t + FRAME_OFFSETS", "pixel_t - FRAME_OFFSETS"),
         ("features", "(frame * LOGS_Y", "(pixel_t * LOGS_Y"),
         ("blend", "- pixel.base)", ")"),
-        ("blend", "tap_y < OUTPUT_Y", "tap_y < OUTPUT_Y - 1"),
+        ("blend", "tap_y < LOGS_Y", "tap_y < LOGS_Y - 1"),
         ("blend", "pixel.t + dt", "pixel.t"),
         ("blend", "weight(pixel, TAPS)", "weight(pixel, 0)"),
     ];

@@ -58,7 +58,8 @@ impl Work {
     /// Of all steps of a plan, one after the other.
     pub fn of_plan(plan: &Plan, precision: Precision) -> Self {
         let formats = Storage::new(plan, precision).steps;
-        let steps = plan.steps.iter().zip(&formats).map(|(step, formats)| Self::of_step(step, formats));
+        let steps =
+            plan.usual_steps().iter().zip(&formats).map(|(step, formats)| Self::of_step(step, formats));
         steps.fold(Self::default(), Self::and)
     }
 
@@ -66,7 +67,7 @@ impl Work {
     pub fn of_fused_plan(plan: &Plan, precision: Precision) -> Self {
         // A layer may be computed in several steps.
         let layers: HashMap<&str, usize> =
-            plan.steps.iter().map(|step| (step.name.as_str(), weights(&step.kernel))).collect();
+            plan.usual_steps().iter().map(|step| (step.name.as_str(), weights(&step.kernel))).collect();
         let weights: usize = layers.values().sum();
         let pixels = plan.measurement.shape.len() + plan.result.shape.len();
         let bytes = pixels * Format::F32.bytes() + weights * Format::of(precision).bytes();

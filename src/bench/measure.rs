@@ -273,7 +273,7 @@ impl Case<'_> {
                 tile.count += 1;
                 continue;
             }
-            let plan = self.backend.limits(None).plan(self.model, size[0], size[1])?;
+            let plan = self.backend.limits(None).plan(self.model, size, grid.tiles().count() == 1)?;
             let executor = self.executor(plan.clone(), calibration)?;
             let measurement = crop(&seen, [row.outer_start, col.outer_start], size);
             tiles.push(Tile { plan, executor, measurement, count: 1, windows: 1 });
@@ -322,11 +322,11 @@ impl Case<'_> {
         let per_frame = |seconds: f64| 1e3 * seconds * *count as f64 / plan.window.hop as f64;
         let formats = Storage::new(plan, self.backend.precision()).steps;
         // A layer may be computed in several steps.
-        let mut names: Vec<&str> = plan.steps.iter().map(|step| step.name.as_str()).collect();
+        let mut names: Vec<&str> = plan.usual_steps().iter().map(|step| step.name.as_str()).collect();
         let mut known = HashSet::new();
         names.retain(|name| known.insert(*name));
         let layer = |name: &str| {
-            let steps = || plan.steps.iter().enumerate().filter(move |(_, step)| step.name == name);
+            let steps = || plan.usual_steps().iter().enumerate().filter(move |(_, step)| step.name == name);
             let (_, step) = steps().next()?;
             let time = |times: &Vec<Duration>| steps().map(|(index, _)| times[index]).sum::<Duration>();
             let shortest = times.iter().map(time).min().unwrap_or_default().as_secs_f64();

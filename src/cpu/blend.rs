@@ -15,8 +15,8 @@ pub struct Blend<'a> {
     pub block: Block,
     /// Offsets t, y, x of the pixels that the weights are for.
     pub taps: &'a [Tap],
-    /// Frames of the log irradiance before the first result frame.
-    pub lead: usize,
+    /// Frame and row of the log irradiance at which the result begins.
+    pub origin: [usize; 2],
 }
 
 /// What is read.
@@ -98,7 +98,8 @@ impl Blend<'_> {
     ) {
         let tone = Tone::new();
         let [_, by, bx] = self.block;
-        let [_, height, width] = output.shape.extent();
+        let width = output.shape.x;
+        let [first_t, first_y] = self.origin;
         output.for_each_rows(by, |mut rows| {
             scratch.with(|scratch| {
                 for row in 0..rows.len() {
@@ -121,7 +122,8 @@ impl Blend<'_> {
                         }
                     };
                     for (i, &[dt, dy, dx]) in self.taps.iter().enumerate() {
-                        let place = frame(logs.shape.t, self.lead + t, dt).zip(frame(height, y, dy));
+                        let tap_t = frame(logs.shape.t, first_t + t, dt);
+                        let place = tap_t.zip(frame(logs.shape.y, first_y + y, dy));
                         let Some((tap_t, tap_y)) = place else { continue };
                         // Columns whose tap lies inside.
                         let begin = (dx.min(0).unsigned_abs() as usize).min(width);

@@ -138,8 +138,8 @@ pub fn bound(
                 *error = sums / weight + QUOTIENT * result.abs();
             }
         }
-        Kernel::Blend { block, taps, lead } => {
-            let blend = Blend { block: *block, taps, lead: *lead };
+        Kernel::Blend { block, taps, origin } => {
+            let blend = Blend { block: *block, taps, origin: *origin };
             let inputs = Inputs { weights: view(0), logs: view(1), estimate: view(2) };
             let mut magnitudes = error.clone();
             blend.along_rows(inputs, TensorViewMut::dense(&mut magnitudes), scratch, &Magnitudes);

@@ -10,12 +10,15 @@ use rayon::prelude::*;
 use super::convolution::Packed;
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
-use crate::network::{Executor, Kernel, Plan, Run, Step, Tensor, View, WindowTime};
+use crate::network::{Carry, Executor, Following, Kernel, Plan, Run, Step, Tensor, View, WindowTime};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
 /// Bytes of inner slots up to which each piece of a run gets its own. Larger ones would fit into no cache anyway.
 const SIDE_BY_SIDE: usize = 16 << 20;
+
+/// Pixel values that a task takes over.
+const LOADED: usize = 1 << 14;
 
 /// Runs one plan with the CPU kernels, on all threads of the `rayon` pool that it is called from.
 ///
@@ -25,9 +28,11 @@ pub struct CpuExecutor<R> {
     plan: Plan,
     calibration: Calibration,
     simd: Simd,
-    /// Packed weights of each step that has some.
-    packed: Vec<Option<Arc<Packed<R>>>>,
+    /// Packed weights of each step that has some: of a window by itself, and of one that follows another one.
+    packed: [Vec<Option<Arc<Packed<R>>>>; 2],
     shared: Shared<R>,
+    /// Which use of the memory was this executor's last one.
+    used: u64,
     /// What the window that was submitted last came to, until it is collected.
     result: Option<Vec<f32>>,
 }
@@ -39,14 +44,16 @@ pub struct Shared<R> {
     memory: Arc<Mutex<Memory<R>>>,
 }
 
-/// Packed weights by the name of the step, with what they were packed from.
-type Weights<R> = HashMap<String, (Kernel, Arc<Packed<R>>)>;
+/// Packed weights by the name of the step and its padding, in which pieces differ, with what they were packed from.
+type Weights<R> = HashMap<(String, [usize; 3]), (Kernel, Arc<Packed<R>>)>;
 
 /// What one window is computed in. Slots are as long as the largest plan needs. No result depends on what another
 /// tensor or window left there, all of which is finite.
 #[derive(Debug)]
 struct Memory<R> {
     slots: Vec<Vec<R>>,
+    /// How often it was used. What a window keeps for the following one is lost when somebody else uses it.
+    uses: u64,
     /// Results that were collected.
     free: Vec<Vec<f32>>,
     /// The inner slots of pieces that are computed at the same time.
@@ -58,6 +65,7 @@ impl<R> Default for Shared<R> {
     fn default() -> Self {
         let memory = Memory {
             slots: Vec::new(),
+            uses: 0,
             free: Vec::new(),
             inner: Spare::default(),
             scratch: ScratchPool::default(),
@@ -69,15 +77,17 @@ impl<R> Default for Shared<R> {
 impl<R: Real> Shared<R> {
     /// The packed weights of a step that has some.
     fn packed(&self, step: &Step, simd: Simd) -> Option<Arc<Packed<R>>> {
+        let (Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv)) = &step.kernel else { return None };
+        let key = (step.name.clone(), conv.padding);
         let mut weights = self.weights.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((kernel, packed)) = weights.get(&step.name)
+        if let Some((kernel, packed)) = weights.get(&key)
             && packed.simd() == simd
             && kernel.same_convolution(&step.kernel)
         {
             return Some(Arc::clone(packed));
         }
         let packed = Arc::new(pack(&step.kernel, simd)?);
-        weights.insert(step.name.clone(), (step.kernel.clone(), Arc::clone(&packed)));
+        weights.insert(key, (step.kernel.clone(), Arc::clone(&packed)));
         Some(packed)
     }
 
@@ -104,8 +114,10 @@ impl<R: Real> CpuExecutor<R> {
     }
 
     fn with(plan: Plan, calibration: Calibration, shared: Shared<R>, simd: Simd) -> Self {
-        let packed = plan.steps.iter().map(|step| shared.packed(step, simd)).collect();
-        Self { plan, calibration, simd, packed, shared, result: None }
+        let following = plan.following.as_ref().map_or(&[][..], |following| &following.steps);
+        let packed = [&plan.steps, following]
+            .map(|steps| steps.iter().map(|step| shared.packed(step, simd)).collect());
+        Self { plan, calibration, simd, packed, shared, used: 0, result: None }
     }
 
     /// Memory with the measurement in its slot. What is not finite counts as 0, so that no kernel meets NaN.
@@ -122,26 +134,78 @@ impl<R: Real> CpuExecutor<R> {
                 *slot = vec![R::ZERO; len];
             }
         }
-        for (value, &y) in memory.slots[slot][offset..].iter_mut().zip(measurement) {
-            *value = if y.is_finite() { R::from_f32(y.clamp(0.0, 1.0)) } else { R::ZERO };
-        }
+        let values = &mut memory.slots[slot][offset..][..measurement.len()];
+        values.par_chunks_mut(LOADED).zip(measurement.par_chunks(LOADED)).for_each(|(values, measured)| {
+            for (value, &y) in values.iter_mut().zip(measured) {
+                *value = if y.is_finite() { R::from_f32(y.clamp(0.0, 1.0)) } else { R::ZERO };
+            }
+        });
+        memory.uses += 1;
         Ok(memory)
     }
 
-    fn steps(&self, memory: &mut Memory<R>, schedule: i64) {
-        for run in &self.plan.runs {
+    /// The steps of a window by itself, or of one that follows another one.
+    fn program(&self, follows: bool) -> Program<'_, R> {
+        let [own, other] = &self.packed;
+        match self.plan.following.as_ref().filter(|_| follows) {
+            Some(Following { steps, runs }) => Program { executor: self, steps, runs, packed: other },
+            None => Program { executor: self, steps: &self.plan.steps, runs: &self.plan.runs, packed: own },
+        }
+    }
+
+    fn start(&mut self, measurement: &[f32], schedule: i64, follows: bool) -> Result<()> {
+        if self.result.is_some() {
+            return Err(Error::Usage("a window is computed; collect it first".into()));
+        }
+        let mut memory = self.load(measurement)?;
+        let is_known = self.used > 0 && memory.uses == self.used + 1;
+        self.program(follows && is_known).run(&mut memory, schedule);
+        let mut result = memory.free.pop().unwrap_or_default();
+        let view = self.plan.result;
+        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
+        result.clear();
+        // Only a net whose weights overflow gets here with anything else than a finite number.
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
+        let used = memory.uses;
+        drop(memory);
+        (self.used, self.result) = (used, Some(result));
+        Ok(())
+    }
+}
+
+/// Steps, with what they need.
+struct Program<'a, R> {
+    executor: &'a CpuExecutor<R>,
+    steps: &'a [Step],
+    runs: &'a [Run],
+    packed: &'a [Option<Arc<Packed<R>>>],
+}
+
+impl<R: Real> Program<'_, R> {
+    fn run(&self, memory: &mut Memory<R>, schedule: i64) {
+        let follows = !std::ptr::eq(self.runs, &raw const *self.executor.plan.runs);
+        for run in self.runs {
+            for Carry { written, kept, wanted } in run.carries.iter().filter(|_| follows) {
+                memory.copy(kept.as_ref().unwrap_or(written), wanted);
+            }
             let bytes = run.inner.iter().map(|(_, len)| len * size_of::<R>()).sum::<usize>();
             if run.pieces.len() > 1 && bytes <= SIDE_BY_SIDE {
                 self.side_by_side(memory, run, schedule);
             } else {
                 run.pieces.iter().cloned().flatten().for_each(|index| self.step(memory, index, schedule));
             }
+            for Carry { written, kept, .. } in &run.carries {
+                if let Some(kept) = kept {
+                    memory.copy(written, kept);
+                }
+            }
         }
     }
 
     /// Runs one step by itself.
     fn step(&self, memory: &mut Memory<R>, index: usize, schedule: i64) {
-        let slot = self.plan.steps[index].output.slot;
+        let slot = self.steps[index].output.slot;
         // A step never reads the slot that it writes.
         let mut written = std::mem::take(&mut memory.slots[slot]);
         let mut parts = [Part { slot, begin: 0, values: &mut written }];
@@ -156,12 +220,12 @@ impl<R: Real> CpuExecutor<R> {
         let inner = &*inner;
         let mut pieces: Vec<_> = run.pieces.iter().map(|steps| (steps.clone(), Vec::new())).collect();
         let written = |steps: &Range<usize>, slot: usize| {
-            let step = self.plan.steps[steps.clone()].iter().find(|step| step.output.slot == slot)?;
+            let step = self.steps[steps.clone()].iter().find(|step| step.output.slot == slot)?;
             let View { offset, stride, shape, .. } = step.output;
             Some((offset, shape.pixels() * stride))
         };
         let mut outputs: Vec<(usize, Vec<R>)> = Vec::new();
-        for step in run.pieces.iter().flat_map(|steps| &self.plan.steps[steps.clone()]) {
+        for step in run.pieces.iter().flat_map(|steps| &self.steps[steps.clone()]) {
             let slot = step.output.slot;
             if run.inner.iter().all(|(inner, _)| *inner != slot)
                 && outputs.iter().all(|(known, _)| *known != slot)
@@ -204,14 +268,14 @@ impl<R: Real> CpuExecutor<R> {
         scratch: &ScratchPool<R>,
     ) {
         for index in steps {
-            let step = &self.plan.steps[index];
+            let step = &self.steps[index];
             let own = parts.iter().position(|part| part.slot == step.output.slot);
             let own = own.expect("a piece has a part of each slot that it writes");
             let written = std::mem::take(&mut parts[own].values);
             let call = Call {
                 kernel: &step.kernel,
                 packed: self.packed[index].as_deref(),
-                calibration: &self.calibration,
+                calibration: &self.executor.calibration,
                 schedule: step.schedule(schedule),
                 scratch,
             };
@@ -243,6 +307,43 @@ impl<R> Part<'_, R> {
 }
 
 impl<R: Real> Memory<R> {
+    /// Copies pixels to another place, which may be nearer to the begin of the same slot.
+    fn copy(&mut self, from: &View, to: &View) {
+        let channels = from.shape.c;
+        let dense = from.stride == channels && to.stride == channels;
+        let rows = from.shape.t * from.shape.y;
+        let [from_row, to_row] = [from, to].map(|view| view.shape.x * view.stride);
+        let copy = |target: &mut [R], source: &[R]| {
+            if dense {
+                target.copy_from_slice(source);
+            } else {
+                for (target, source) in target.chunks_mut(to.stride).zip(source.chunks(from.stride)) {
+                    target[..channels].copy_from_slice(&source[..channels]);
+                }
+            }
+        };
+        if from.slot == to.slot {
+            debug_assert!(to.offset <= from.offset && from_row == to_row, "frames move to the front");
+            let slot = &mut self.slots[to.slot];
+            if dense {
+                slot.copy_within(from.offset..from.offset + rows * from_row, to.offset);
+            } else {
+                for pixel in 0..from.shape.pixels() {
+                    let first = from.offset + pixel * from.stride;
+                    slot.copy_within(first..first + channels, to.offset + pixel * to.stride);
+                }
+            }
+            return;
+        }
+        let mut target = std::mem::take(&mut self.slots[to.slot]);
+        let source = &self.slots[from.slot];
+        let targets = target[to.offset..].par_chunks_mut(to_row).take(rows);
+        targets
+            .zip(source[from.offset..].par_chunks(from_row))
+            .for_each(|(target, source)| copy(target, source));
+        self.slots[to.slot] = target;
+    }
+
     fn tensor(&self, view: &View) -> Tensor {
         let pixels = TensorView::new(&self.slots[view.slot], view).pixels();
         Tensor { shape: view.shape, data: pixels.flatten().map(|v| v.to_f32()).collect() }
@@ -257,21 +358,11 @@ impl<R: Real> Executor for CpuExecutor<R> {
     }
 
     fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        if self.result.is_some() {
-            return Err(Error::Usage("a window is computed; collect it first".into()));
-        }
-        let mut memory = self.load(measurement)?;
-        self.steps(&mut memory, schedule);
-        let mut result = memory.free.pop().unwrap_or_default();
-        let view = self.plan.result;
-        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
-        result.clear();
-        // Only a net whose weights overflow gets here with anything else than a finite number.
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
-        drop(memory);
-        self.result = Some(result);
-        Ok(())
+        self.start(measurement, schedule, false)
+    }
+
+    fn follow(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+        self.start(measurement, schedule, true)
     }
 
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
@@ -295,9 +386,10 @@ impl<R: Real> Executor for CpuExecutor<R> {
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()> {
         let mut memory = self.load(measurement)?;
-        for (index, step) in self.plan.steps.iter().enumerate() {
+        let program = self.program(false);
+        for (index, step) in program.steps.iter().enumerate() {
             let inputs: Vec<Tensor> = step.inputs.iter().map(|view| memory.tensor(view)).collect();
-            self.step(&mut memory, index, schedule);
+            program.step(&mut memory, index, schedule);
             visit(step, &inputs, &memory.tensor(&step.output));
         }
         Ok(())
@@ -305,22 +397,23 @@ impl<R: Real> Executor for CpuExecutor<R> {
 
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
         let mut memory = self.load(measurement)?;
+        let program = self.program(true);
         let begun = Instant::now();
         for _ in 0..windows {
-            self.steps(&mut memory, schedule);
+            program.run(&mut memory, schedule);
         }
         Ok(WindowTime { wall: begun.elapsed(), device: None })
     }
 
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
         let mut memory = self.load(measurement)?;
-        let steps = 0..self.plan.steps.len();
+        let program = self.program(true);
         let time = |index| {
             let begun = Instant::now();
-            self.step(&mut memory, index, schedule);
+            program.step(&mut memory, index, schedule);
             begun.elapsed()
         };
-        Ok(steps.map(time).collect())
+        Ok((0..program.steps.len()).map(time).collect())
     }
 
     fn describe(&self) -> String {

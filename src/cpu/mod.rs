@@ -93,9 +93,9 @@ impl<R: Real> Call<'_, R> {
                 inverse_response::run(exposures, wanted(0), output, calibration);
             }
             Kernel::Fuse => fuse::run(wanted(0), wanted(1), output),
-            Kernel::Blend { block, taps, lead } => {
+            Kernel::Blend { block, taps, origin } => {
                 let inputs = Inputs { weights: wanted(0), logs: wanted(1), estimate: wanted(2) };
-                Blend { block: *block, taps, lead: *lead }.run(inputs, output, scratch);
+                Blend { block: *block, taps, origin: *origin }.run(inputs, output, scratch);
             }
         }
     }

@@ -196,9 +196,10 @@ impl Call {
                 rendered_exposures.clone_from(exposures);
                 output.pixels() * output_vectors
             }
-            Kernel::Blend { block, taps, lead } => {
+            Kernel::Blend { block, taps, origin: [t, y] } => {
                 header.extents("BLOCK", *block);
-                header.int("LEAD", *lead);
+                header.int("ORIGIN_T", *t);
+                header.int("ORIGIN_Y", *y);
                 header.int("TAPS", taps.len());
                 output.pixels()
             }

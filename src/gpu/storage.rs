@@ -77,7 +77,7 @@ impl Storage {
         let mut holds: Vec<(usize, Option<usize>)> = vec![(0, None); plan.slots.len()];
         let mut slot_bytes = vec![0; plan.slots.len()];
         slot_bytes[plan.measurement.slot] = plan.slots[plan.measurement.slot] * Format::F32.bytes();
-        let steps = plan.steps.iter().map(|step| {
+        let steps = plan.usual_steps().iter().map(|step| {
             let View { slot, stride, shape, .. } = step.output;
             let part = (stride > shape.c.next_multiple_of(4)).then_some(stride);
             let output_tensor = match holds[slot] {

@@ -46,6 +46,12 @@ pub trait Executor: Send {
     /// it is being done. At most [`Executor::in_flight`] windows may be submitted and not yet collected.
     fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()>;
 
+    /// As [`Executor::submit`], for the window right behind the one that was submitted last and with the same frames where
+    /// both have some: an executor whose plan is for streams computes only what is new. The result is the same.
+    fn follow(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+        self.submit(measurement, schedule)
+    }
+
     /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`.
     fn collect(&mut self, result: &mut [f32]) -> Result<()>;
 
@@ -66,6 +72,8 @@ pub trait Executor: Send {
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime>;
 
     /// Runs one window step by step, and gives the time that each one took, in the order of the plan.
+    ///
+    /// Of a plan for streams, the steps of a window that follows another one.
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>>;
 
     /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".

@@ -413,6 +413,35 @@ impl Node {
         }
     }
 
+    /// Rows of each tensor in [`Node::tensors`] that rows `range` of one frame of this node depend on, as
+    /// [`Node::reads`] for frames. `None` if they do not follow from rows of one frame, wherever those lie.
+    pub(super) fn reads_rows(&self, range: Range<usize>) -> Option<Vec<Range<isize>>> {
+        let (start, end) = (range.start as isize, range.end as isize);
+        let same = start..end;
+        match &self.op {
+            Op::Conv3d(conv) if conv.kernel[0] == 1 => {
+                let [stride, kernel] = [conv.stride[1] as isize, conv.kernel[1] as isize];
+                let first = |y: isize| y * stride - conv.padding(false)[1] as isize;
+                Some(vec![first(start)..first(end - 1) + kernel, same])
+            }
+            Op::ConvTranspose3d(conv) if conv.kernel[0] == 1 => {
+                let [stride, kernel] = [conv.stride[1] as isize, conv.kernel[1] as isize];
+                let padding = conv.padding(true)[1] as isize;
+                // Input i adds to the results o = i·stride − padding + k.
+                let last = (start + padding).div_euclid(stride);
+                let first = last.min((start + padding - kernel).div_euclid(stride) + 1);
+                Some(vec![first..(end - 1 + padding).div_euclid(stride) + 1, same])
+            }
+            // Its taps find their rows by themselves.
+            Op::Blend { block, .. } => {
+                let block = block[1] as isize;
+                Some(vec![start / block..end / block, isize::MIN..isize::MAX, same])
+            }
+            Op::InverseResponse { .. } | Op::Fuse => Some(vec![same; self.inputs.len()]),
+            _ => None,
+        }
+    }
+
     /// Names of all tensors that the node reads: its inputs, and what it adds.
     pub fn tensors(&self) -> impl Iterator<Item = &String> {
         self.inputs.iter().chain(self.convolution().and_then(|conv| conv.add.as_ref()))

@@ -15,7 +15,7 @@ mod tensor;
 pub use executor::{Executor, Precision, WindowTime};
 pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Tap, Window};
 pub use model::{Layer, Model, Trained};
-pub use plan::{Channel, ConvolutionStep, Kernel, Plan, Run, Step, View};
+pub use plan::{Carry, Channel, ConvolutionStep, Following, Kernel, Plan, Run, Step, View};
 pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;

@@ -1,7 +1,8 @@
-//! Which nodes are computed together, piece of time by piece of time.
+//! Which nodes are computed together, piece by piece.
 //!
-//! The last layers of a net write tensors that are many times as large as its result. A few frames of them fit into a
-//! cache, and are best read again before the next ones are computed: that saves memory, and the way there and back.
+//! The last layers of a net write tensors that are many times as large as its result. A few frames of them, or a few rows
+//! of a large frame, fit into a cache, and are best read again before the next ones are computed: that saves memory, and
+//! the way there and back.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -13,27 +14,56 @@ use super::{Graph, Node, Op, Shape};
 pub(super) struct Group<'a> {
     /// The nodes.
     pub nodes: Range<usize>,
-    /// Frames of each piece.
-    pub pieces: Vec<Range<usize>>,
+    /// The pieces, in order of what they write.
+    pub pieces: Vec<Piece>,
     /// Tensors that nothing but the group reads: of them, only the piece is there.
     pub inner: Vec<&'a str>,
 }
 
-impl Group<'_> {
-    /// Nodes by themselves, computed whole.
-    fn whole(nodes: Range<usize>) -> Self {
-        Self { nodes, pieces: std::iter::once(0..usize::MAX).collect(), inner: Vec::new() }
-    }
+/// What the nodes of a group compute at a time.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    /// Frames.
+    pub frames: Range<usize>,
+    /// Rows of each node, in the order of the nodes: a part of a single frame. Empty: all rows.
+    pub rows: Vec<Range<usize>>,
+}
 
-    /// Frames of the longest piece.
-    pub fn longest(&self) -> usize {
-        self.pieces.iter().map(ExactSizeIterator::len).max().unwrap_or(0)
+impl Piece {
+    /// All rows of some frames.
+    fn frames(frames: Range<usize>) -> Self {
+        Self { frames, rows: Vec::new() }
     }
 }
 
-/// Divides the nodes of `graph` into groups whose inner tensors take at most `bytes` a piece, at 4 a value, or a frame.
-/// Only what is larger as a whole is cut. Nodes compute the frames `needed` of tensors of `shapes`; what is `part` of a
-/// concatenation stays whole.
+impl Group<'_> {
+    /// A node by itself, computed whole.
+    fn whole(node: usize) -> Self {
+        Self { nodes: node..node + 1, pieces: vec![Piece::frames(0..usize::MAX)], inner: Vec::new() }
+    }
+
+    /// Most frames of a piece.
+    pub fn most_frames(&self) -> usize {
+        self.pieces.iter().map(|piece| piece.frames.len()).max().unwrap_or(0)
+    }
+
+    /// Rows of the node with this index that a piece computes; `None`: all.
+    pub fn rows(&self, piece: &Piece, index: usize) -> Option<Range<usize>> {
+        piece.rows.get(index.checked_sub(self.nodes.start)?).cloned()
+    }
+
+    /// Most rows that a piece computes of the node with this index; `None`: all.
+    pub fn most_rows(&self, index: usize) -> Option<usize> {
+        self.pieces.iter().map(|piece| Some(self.rows(piece, index)?.len())).max().flatten()
+    }
+}
+
+/// How much more may be computed where pieces of rows overlap.
+const OVERLAP: f64 = 1.1;
+
+/// Divides the nodes of `graph` into groups whose inner tensors take about `bytes` a piece, at 4 a value: at most that, or
+/// a frame; or at most twice that, or a row, where rows follow from a few rows. Only what is larger as a whole is cut.
+/// Nodes compute the frames `needed` of tensors of `shapes`; what is `part` of a concatenation stays whole.
 pub(super) fn groups<'a>(
     graph: &'a Graph,
     needed: &HashMap<&str, Range<usize>>,
@@ -41,55 +71,170 @@ pub(super) fn groups<'a>(
     bytes: usize,
     part: impl Fn(&str) -> bool,
 ) -> Vec<Group<'a>> {
-    let frame_bytes = |name: &str| {
-        let Shape { y, x, c, .. } = shapes[name];
-        4 * y * x * c
-    };
-    let may = |node: &Node| by_frames(node) && !part(&node.name) && needed.contains_key(node.name.as_str());
-    let joins = |group: &Range<usize>, node: &Node| {
-        if !may(node) {
-            return false;
-        }
-        let first = needed[node.name.as_str()].start;
-        let reads = node.tensors().zip(node.reads(first..first + 1));
-        let mut inner = reads
-            .filter(|(name, _)| graph.nodes[group.clone()].iter().any(|node| node.name == **name))
-            .peekable();
-        let now = first as isize..first as isize + 1;
-        inner.peek().is_some()
-            && inner.all(|(name, read)| {
-                let large = frame_bytes(name).saturating_mul(needed[name.as_str()].len()) > bytes;
-                large && (read == now || read.is_empty())
-            })
-    };
+    let net = Net { graph, needed, shapes, bytes };
     let mut groups = Vec::new();
     let mut begin = 0;
     while begin < graph.nodes.len() {
-        let mut nodes = begin..begin + 1;
-        let first = &graph.nodes[begin];
-        while may(first) && graph.nodes.get(nodes.end).is_some_and(|node| joins(&nodes, node)) {
-            nodes.end += 1;
-        }
+        let nodes = net.neighbours(begin, &part);
         begin = nodes.end;
-        let read_elsewhere = |name: &str| {
-            let others = graph.nodes.iter().enumerate().filter(|(index, _)| !nodes.contains(index));
-            name == graph.output
-                || others.into_iter().any(|(_, node)| node.tensors().any(|read| read == name))
-        };
-        let members = graph.nodes[nodes.clone()].iter().map(|node| node.name.as_str());
-        let inner: Vec<&str> = members.clone().filter(|name| !read_elsewhere(name)).collect();
-        let frames = members.map(|name| needed.get(name).cloned().unwrap_or_default());
-        let frames = frames.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or_default();
-        let piece = (bytes / inner.iter().map(|name| frame_bytes(name)).sum::<usize>().max(1)).max(1);
-        let count = frames.len().div_ceil(piece);
-        if inner.is_empty() || count < 2 {
-            groups.push(Group::whole(nodes));
-            continue;
-        }
-        let cut = |i: usize| frames.start + frames.len() * i / count;
-        groups.push(Group { nodes, pieces: (0..count).map(|i| cut(i)..cut(i + 1)).collect(), inner });
+        // As many as can be computed row by row; those before them frame by frame.
+        let strips = nodes.clone().find_map(|first| net.by_rows(first..nodes.end));
+        let before = nodes.start..strips.as_ref().map_or(nodes.end, |group| group.nodes.start);
+        groups.extend(net.by_frames(before));
+        groups.extend(strips);
     }
     groups
+}
+
+/// What groups are made from.
+struct Net<'a, 'n> {
+    graph: &'a Graph,
+    needed: &'n HashMap<&'n str, Range<usize>>,
+    shapes: &'n HashMap<&'n str, Shape>,
+    bytes: usize,
+}
+
+impl<'a> Net<'a, '_> {
+    /// Nodes from `begin` on each of whose frames follows from the same frames of those before it.
+    fn neighbours(&self, begin: usize, part: impl Fn(&str) -> bool) -> Range<usize> {
+        let may = |node: &Node| {
+            by_frames(node) && !part(&node.name) && self.needed.contains_key(node.name.as_str())
+        };
+        let joins = |group: &Range<usize>, node: &Node| {
+            if !may(node) {
+                return false;
+            }
+            let first = self.needed[node.name.as_str()].start;
+            let reads = node.tensors().zip(node.reads(first..first + 1));
+            let mut inner = reads
+                .filter(|(name, _)| self.graph.nodes[group.clone()].iter().any(|node| node.name == **name))
+                .peekable();
+            let now = first as isize..first as isize + 1;
+            inner.peek().is_some()
+                && inner.all(|(name, read)| {
+                    let frames = self.needed[name.as_str()].len();
+                    let large = self.frame_bytes(name).saturating_mul(frames) > self.bytes;
+                    large && (read == now || read.is_empty())
+                })
+        };
+        let mut nodes = begin..begin + 1;
+        if may(&self.graph.nodes[begin]) {
+            while self.graph.nodes.get(nodes.end).is_some_and(|node| joins(&nodes, node)) {
+                nodes.end += 1;
+            }
+        }
+        nodes
+    }
+
+    /// Nodes in pieces of whole frames, or each one whole.
+    fn by_frames(&self, nodes: Range<usize>) -> Vec<Group<'a>> {
+        let inner = self.inner(&nodes);
+        let frame = inner.iter().map(|name| self.frame_bytes(name)).sum::<usize>();
+        let frames = self.frames(&nodes);
+        let count = frames.len().div_ceil((self.bytes / frame.max(1)).max(1));
+        if inner.is_empty() || count < 2 {
+            return nodes.map(Group::whole).collect();
+        }
+        vec![Group { nodes, pieces: cuts(frames, count).map(Piece::frames).collect(), inner }]
+    }
+
+    /// Nodes in pieces of rows of a frame; `None` if a frame is small enough, or if rows do not follow from a few rows.
+    fn by_rows(&self, nodes: Range<usize>) -> Option<Group<'a>> {
+        let inner = self.inner(&nodes);
+        let frame = inner.iter().map(|name| self.frame_bytes(name)).sum::<usize>();
+        let most = self.bytes.saturating_mul(2);
+        // Pieces overlap, so that only one tensor, the last, may be there for others.
+        if frame <= most || inner.len() + 1 != nodes.len() {
+            return None;
+        }
+        let members = &self.graph.nodes[nodes.clone()];
+        let last = members.last()?;
+        // The last one's rows are cut where no piece needs more than its own of them.
+        let unit = match &last.op {
+            Op::Blend { block, .. } => block[1],
+            Op::ConvTranspose3d(conv) => conv.stride[1],
+            _ => 1,
+        };
+        let height = self.shapes[last.name.as_str()].y;
+        let units = height.div_ceil(unit);
+        let parts = cuts(0..units, frame.div_ceil(most).min(units));
+        let strips: Option<Vec<_>> = parts
+            .map(|part| rows_of(members, self.shapes, part.start * unit..(part.end * unit).min(height)))
+            .collect();
+        let strips = strips.filter(|strips| strips.len() > 1)?;
+        let work = |rows: &[Range<usize>]| {
+            members.iter().zip(rows).map(|(node, rows)| self.row_work(node) * rows.len() as f64).sum::<f64>()
+        };
+        let heights: Vec<_> = members.iter().map(|node| 0..self.shapes[node.name.as_str()].y).collect();
+        if strips.iter().map(|rows| work(rows)).sum::<f64>() > OVERLAP * work(&heights) {
+            return None;
+        }
+        let piece = |t: usize| strips.iter().map(move |rows| Piece { frames: t..t + 1, rows: rows.clone() });
+        let pieces = self.frames(&nodes).flat_map(piece).collect();
+        Some(Group { nodes, pieces, inner })
+    }
+
+    /// Tensors of nodes that nobody else reads.
+    fn inner(&self, nodes: &Range<usize>) -> Vec<&'a str> {
+        let read_elsewhere = |name: &str| {
+            let mut others = self.graph.nodes.iter().enumerate().filter(|(index, _)| !nodes.contains(index));
+            name == self.graph.output || others.any(|(_, node)| node.tensors().any(|read| read == name))
+        };
+        let names = self.graph.nodes[nodes.clone()].iter().map(|node| node.name.as_str());
+        names.filter(|name| self.needed.contains_key(name) && !read_elsewhere(name)).collect()
+    }
+
+    /// Frames that any of the nodes computes.
+    fn frames(&self, nodes: &Range<usize>) -> Range<usize> {
+        let names = self.graph.nodes[nodes.clone()].iter().map(|node| node.name.as_str());
+        let frames = names.filter_map(|name| self.needed.get(name)).cloned();
+        frames.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or_default()
+    }
+
+    fn frame_bytes(&self, name: &str) -> usize {
+        let Shape { y, x, c, .. } = self.shapes[name];
+        4 * y * x * c
+    }
+
+    /// Multiplications for a row of a convolution; 0 for other nodes.
+    fn row_work(&self, node: &Node) -> f64 {
+        let Some(conv) = node.convolution() else { return 0.0 };
+        let taps = conv.kernel.iter().product::<usize>() as f64;
+        // A transposed convolution has a tap for each input, not for each result.
+        let share = if let Op::ConvTranspose3d(_) = node.op { conv.stride.iter().product() } else { 1 };
+        let channels = self.shapes[node.inputs[0].as_str()].c * conv.out_channels;
+        (self.shapes[node.name.as_str()].x * channels) as f64 * taps / share as f64
+    }
+}
+
+/// A range in `count` nearly equal parts.
+fn cuts(range: Range<usize>, count: usize) -> impl Iterator<Item = Range<usize>> {
+    let cut = move |i: usize| range.start + range.len() * i / count;
+    (0..count).map(move |i| cut(i)..cut(i + 1))
+}
+
+/// The rows of each of `nodes` that rows `last` of the last one follow from.
+fn rows_of(nodes: &[Node], shapes: &HashMap<&str, Shape>, last: Range<usize>) -> Option<Vec<Range<usize>>> {
+    let mut rows = vec![0..0; nodes.len()];
+    *rows.last_mut()? = last;
+    for (index, node) in nodes.iter().enumerate().rev() {
+        if let Op::ConvTranspose3d(conv) = &node.op {
+            // All pieces begin in the same phase of the stride, so that they share packed weights.
+            rows[index].start -= rows[index].start % conv.stride[1];
+        }
+        for (name, read) in node.tensors().zip(node.reads_rows(rows[index].clone())?) {
+            let Some(source) = nodes[..index].iter().position(|node| node.name == *name) else { continue };
+            let height = shapes[name.as_str()].y as isize;
+            let [start, end] = [read.start, read.end].map(|y| y.clamp(0, height) as usize);
+            let known = &mut rows[source];
+            *known = if known.start == known.end {
+                start..end
+            } else {
+                known.start.min(start)..known.end.max(end)
+            };
+        }
+    }
+    Some(rows)
 }
 
 /// Whether each frame of a node's result follows from its own frames of other tensors, so that it may be in a group.

@@ -5,12 +5,12 @@
 //! step never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the
 //! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
-use super::pieces::{Group, groups};
+use super::pieces::{Group, Piece, groups};
 use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
 /// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
@@ -36,6 +36,14 @@ impl View {
     pub fn frames(self, start: usize, frames: usize) -> Self {
         let shape = Shape { t: frames, ..self.shape };
         Self { offset: self.offset + start * self.shape.y * self.shape.x * self.stride, shape, ..self }
+    }
+
+    /// Rows `start` … `start + rows` of this view of one frame.
+    #[must_use]
+    fn rows(self, start: usize, rows: usize) -> Self {
+        debug_assert!(self.shape.t == 1 || rows == self.shape.y, "rows of several frames lie apart");
+        let shape = Shape { y: rows, ..self.shape };
+        Self { offset: self.offset + start * self.shape.x * self.stride, shape, ..self }
     }
 }
 
@@ -71,9 +79,9 @@ pub enum Kernel {
         /// Block that is unfolded.
         block: Block,
         /// Offsets t, y, x of the pixels that the weights are for. Those outside of the log irradiance do not count.
-        taps: Vec<Tap>,
-        /// Frames of the log irradiance before the first result frame.
-        lead: usize,
+        taps: Arc<[Tap]>,
+        /// Frame and row of the log irradiance at which the result begins.
+        origin: [usize; 2],
     },
 }
 
@@ -177,7 +185,7 @@ pub struct Step {
     pub full_precision: bool,
 }
 
-/// Steps that are computed together, piece by piece in time.
+/// Steps that are computed together, piece by piece.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Steps of each piece. Other pieces read nothing that they write.
@@ -185,6 +193,28 @@ pub struct Run {
     /// Slots of what is there for one piece at a time, and how many values of them that takes. A piece that has its own
     /// need not wait for another one.
     pub inner: Vec<(usize, usize)>,
+    /// What the run writes and the following window needs again.
+    pub carries: Vec<Carry>,
+}
+
+/// Frames of a tensor that a window leaves for the following one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Carry {
+    /// Where they are when they were computed: the last ones of the tensor.
+    pub written: View,
+    /// Where they stay, if the tensor's slot is needed for other tensors: they are kept as soon as they are written.
+    pub kept: Option<View>,
+    /// Where they are in the following window.
+    pub wanted: View,
+}
+
+/// The steps of a window right behind another one, which compute only frames that the other one has not.
+#[derive(Clone, Debug)]
+pub struct Following {
+    /// Steps in order.
+    pub steps: Vec<Step>,
+    /// The same steps in runs; before each one, what it would have written of frames that are known is put there.
+    pub runs: Vec<Run>,
 }
 
 /// A model lowered for one window size.
@@ -196,6 +226,8 @@ pub struct Plan {
     pub steps: Vec<Step>,
     /// The same steps in runs: one of each run's pieces after the other, or side by side.
     pub runs: Vec<Run>,
+    /// What a window right behind another one computes, where the plan is for streams.
+    pub following: Option<Following>,
     /// Size of each slot, in values.
     pub slots: Vec<usize>,
     /// Where the pixel values [frames, H, W] go in.
@@ -204,6 +236,16 @@ pub struct Plan {
     pub result: View,
     /// What the net sees at once.
     pub window: Window,
+}
+
+/// What a step reads of a tensor.
+#[derive(Clone, Copy)]
+struct Read {
+    view: View,
+    /// Frames that are wanted before the view and are not there.
+    missing: usize,
+    /// Row of the tensor at which the view begins.
+    row: usize,
 }
 
 /// A buffer before it has a slot: tensors that lie side by side, and the steps between which it is needed.
@@ -227,28 +269,34 @@ impl Plan {
         Self::in_pieces(model, height, width, usize::MAX)
     }
 
-    /// As [`Plan::lower`], with several steps for a node where neighbouring nodes are computed piece by piece in time, so
-    /// that what one leaves for the next one takes `bytes` at most (but at least a frame), at 4 a value. Results are the
-    /// same.
+    /// As [`Plan::in_pieces`], for windows that mostly follow each other: where the net's frames do not depend on the
+    /// window, what a window has computed stays known for the following one.
+    pub fn streaming(model: &Model, height: usize, width: usize, bytes: usize) -> Result<Self, NetworkError> {
+        check_size(&model.graph, height, width)?;
+        Self::build(model, height, width, bytes, true)
+    }
+
+    /// As [`Plan::lower`], with several steps for a node where neighbouring nodes are computed piece by piece, so that what
+    /// one leaves for the next one takes about `bytes`, at 4 a value, but at least a frame, or a few rows where those can be
+    /// computed by themselves. Results are the same.
     pub fn in_pieces(model: &Model, height: usize, width: usize, bytes: usize) -> Result<Self, NetworkError> {
-        let graph = &model.graph;
-        let [_, gy, gx] = graph.granularity()?;
-        if height == 0 || width == 0 || !height.is_multiple_of(gy) || !width.is_multiple_of(gx) {
-            return Err(NetworkError::Graph(
-                graph.name.clone(),
-                format!("a window of {height}×{width} pixels is not a multiple of {gy}×{gx}"),
-            ));
-        }
-        Self::build(model, height, width, bytes)
+        check_size(&model.graph, height, width)?;
+        Self::build(model, height, width, bytes, false)
     }
 
     /// As [`Plan::lower`], for any size that the operations accept: single operations, such as a strided
     /// convolution, are defined on odd sizes too.
     pub fn lower_unaligned(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
-        Self::build(model, height, width, usize::MAX)
+        Self::build(model, height, width, usize::MAX, false)
     }
 
-    fn build(model: &Model, height: usize, width: usize, piece_bytes: usize) -> Result<Self, NetworkError> {
+    fn build(
+        model: &Model,
+        height: usize,
+        width: usize,
+        piece_bytes: usize,
+        streams: bool,
+    ) -> Result<Self, NetworkError> {
         let graph = &model.graph;
         let shapes = graph.shapes(height, width)?;
         // The whole measurement is given; of the other tensors, only the frames that count are computed.
@@ -259,16 +307,37 @@ impl Plan {
             needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
         let parts = parts(graph, &shapes);
         let groups = groups(graph, &needed, &shapes, piece_bytes, |name| parts.contains_key(name));
+        let heights: HashMap<&str, usize> = shapes.iter().map(|(&name, shape)| (name, shape.y)).collect();
+        let index_of: HashMap<&str, usize> =
+            graph.nodes.iter().enumerate().map(|(index, node)| (node.name.as_str(), index)).collect();
         for group in &groups {
             for &name in &group.inner {
                 if let Some(shape) = shapes.get_mut(name) {
-                    shape.t = shape.t.min(group.longest());
+                    shape.t = shape.t.min(group.most_frames());
+                    shape.y = group.most_rows(index_of[name]).unwrap_or(shape.y);
                 }
             }
         }
         let (places, mut buffers) = place(graph, &shapes, &parts);
         for group in groups.iter().filter(|group| group.pieces.len() > 1) {
             keep(group, graph, &places, &mut buffers);
+        }
+        let news = if streams { news(graph, &needed, &groups)? } else { None };
+        let mut kept: HashMap<&str, Place> = HashMap::new();
+        let end = buffers.iter().map(|buffer| buffer.last).filter(|&last| last < usize::MAX).max();
+        for (&name, &count) in news.iter().flat_map(|news| &news.carried) {
+            let buffer = &mut buffers[places[name].buffer];
+            if Some(buffer.last) == end {
+                // Nobody would get its slot any more.
+                (buffer.first, buffer.last) = (0, usize::MAX);
+            }
+            if buffer.last == usize::MAX {
+                continue;
+            }
+            let Shape { y, x, c, .. } = shapes[name];
+            let stride = places[name].stride.min(c.next_multiple_of(4));
+            kept.insert(name, Place { buffer: buffers.len(), channel: 0, stride });
+            buffers.push(Buffer { len: count * y * x * stride, first: 0, last: usize::MAX });
         }
         let slots = assign_slots(&mut buffers);
         let view = |name: &str| {
@@ -280,20 +349,30 @@ impl Plan {
                 shape: shapes[name],
             }
         };
-        // Frames of a tensor that are there while a group computes a piece.
-        let there = |name: &str, group: &Group<'_>, piece: &Range<usize>| {
+        // Frames and rows of a tensor that are there while a group computes a piece.
+        let there = |name: &str, group: &Group<'_>, piece: &Piece| {
             let Range { start, end } = needed[name].clone();
-            if group.inner.contains(&name) { start.max(piece.start)..end.min(piece.end) } else { start..end }
+            let rows = 0..heights[name];
+            if !group.inner.contains(&name) {
+                return [start..end, rows];
+            }
+            let frames = start.max(piece.frames.start)..end.min(piece.frames.end);
+            [frames, group.rows(piece, index_of[name]).unwrap_or(rows)]
         };
-        // What there is of frames `wanted` of a tensor, and how many frames it begins behind the first of them.
-        let cut = |name: &str, there: Range<usize>, wanted: Range<isize>| {
-            let [start, end] =
-                [wanted.start, wanted.end].map(|t| t.clamp(there.start as isize, there.end as isize));
-            let view = view(name).frames(start as usize - there.start, (end - start) as usize);
-            (view, (start - wanted.start) as usize)
+        // The part of a tensor that holds some of the frames and rows that are there.
+        let part = |name: &str, there: &[Range<usize>; 2], [frames, rows]: [Range<usize>; 2]| {
+            let View { shape, .. } = view(name);
+            let whole = View { shape: Shape { y: there[1].len(), ..shape }, ..view(name) };
+            let frames = whole.frames(frames.start - there[0].start, frames.len());
+            frames.rows(rows.start - there[1].start, rows.len())
         };
         let computed = || graph.nodes.iter().filter(|node| needed.contains_key(node.name.as_str()));
         let full = full_precision(graph);
+        let blends = graph.nodes.iter().filter_map(|node| match &node.op {
+            Op::Blend { taps, .. } => Some((node.name.as_str(), taps.as_slice().into())),
+            _ => None,
+        });
+        let taps_of: HashMap<&str, Arc<[Tap]>> = blends.collect();
         let copied = computed().filter(|node| matches!(node.op, Op::Concat)).flat_map(|node| {
             let parts = parts_to_copy(node, view(&node.name), view);
             parts.into_iter().map(|(_, input, _)| input.shape.c * input.shape.c)
@@ -302,41 +381,67 @@ impl Plan {
             let problem = "its concatenations copy too many channels".into();
             return Err(NetworkError::Graph(graph.name.clone(), problem));
         }
-        let step = |node: &Node, group: &Group<'_>, piece: &Range<usize>| {
-            let all = needed[node.name.as_str()].clone();
-            let frames = all.start.max(piece.start)..all.end.min(piece.end);
+        let step = |node: &Node, group: &Group<'_>, piece: &Piece, computed: &HashMap<&str, Range<usize>>| {
+            let all = computed[node.name.as_str()].clone();
+            let frames = all.start.max(piece.frames.start)..all.end.min(piece.frames.end);
             if frames.is_empty() {
                 return Vec::new();
             }
             let full_precision = full.contains(node.name.as_str());
             if matches!(node.op, Op::Concat) {
-                return copies(node, view(&node.name), full_precision, view);
+                let cut = |name: &str| view(name).frames(frames.start - needed[name].start, frames.len());
+                return copies(node, cut(&node.name), full_precision, cut);
             }
-            let first = there(&node.name, group, piece).start;
-            let output = view(&node.name).frames(frames.start - first, frames.len());
-            let reads: Vec<_> = node
+            let rows = group.rows(piece, index_of[node.name.as_str()]);
+            let wanted_rows = rows.clone().and_then(|rows| node.reads_rows(rows));
+            let rows = rows.unwrap_or(0..heights[node.name.as_str()]);
+            let present = there(&node.name, group, piece);
+            let output = part(&node.name, &present, [frames.clone(), rows.clone()]);
+            let reads: Vec<Option<Read>> = node
                 .tensors()
                 .zip(node.reads(frames.clone()))
+                .enumerate()
                 // The first input stands in for one that is not read.
-                .map(|(name, wanted)| {
-                    (!wanted.is_empty()).then(|| cut(name, there(name, group, piece), wanted))
+                .map(|(input, (name, wanted_frames))| {
+                    (!wanted_frames.is_empty()).then(|| {
+                        let all = isize::MIN..isize::MAX;
+                        let wanted_rows = wanted_rows.as_ref().map_or(all, |rows| rows[input].clone());
+                        let wanted = [wanted_frames, wanted_rows];
+                        let there = there(name, group, piece);
+                        let present = [0, 1].map(|axis| {
+                            let place = |at: isize| {
+                                at.clamp(there[axis].start as isize, there[axis].end as isize) as usize
+                            };
+                            place(wanted[axis].start)..place(wanted[axis].end)
+                        });
+                        let missing = (present[0].start as isize - wanted[0].start) as usize;
+                        let row = present[1].start;
+                        Read { view: part(name, &there, present), missing, row }
+                    })
                 })
                 .collect();
-            let (first, before) = reads[0].expect("every operation reads its first input");
+            let first = reads[0].expect("every operation reads its first input");
             // Frames of a tensor that stands before the result, where offsets reach back to `earliest` frames.
             let lead = |input: usize, earliest: Option<i32>| {
-                let missing = reads.get(input).copied().flatten().map_or(0, |(_, missing)| missing);
+                let missing = reads.get(input).copied().flatten().map_or(0, |read| read.missing);
                 earliest.map_or(0, |offset| offset.min(0).unsigned_abs() as usize) - missing
             };
-            let inputs: Vec<View> = reads.iter().map(|read| read.map_or(first, |(view, _)| view)).collect();
+            let inputs: Vec<View> = reads.iter().map(|read| read.unwrap_or(first).view).collect();
+            let first = Read { view: inputs[0], ..first };
             let convolution = |transposed: bool| {
                 let conv = node.convolution().expect("called for convolutions only");
                 let [padding_t, padding_y, padding_x] = conv.padding(transposed);
+                // Padding is in front of the rows that are there.
+                let padding_y = if transposed {
+                    padding_y + rows.start - first.row * conv.stride[1]
+                } else {
+                    padding_y + first.row - rows.start * conv.stride[1]
+                };
                 Arc::new(ConvolutionStep {
                     kernel: conv.kernel,
                     stride: conv.stride,
-                    padding: [if transposed { padding_t } else { before }, padding_y, padding_x],
-                    in_channels: first.shape.c,
+                    padding: [if transposed { padding_t } else { first.missing }, padding_y, padding_x],
+                    in_channels: first.view.shape.c,
                     out_channels: conv.out_channels,
                     activation: conv.activation,
                     layer: Arc::clone(&model.layers[&node.name]),
@@ -363,28 +468,50 @@ impl Plan {
                 Op::Fuse => Kernel::Fuse,
                 Op::Blend { block, taps } => Kernel::Blend {
                     block: *block,
-                    taps: taps.clone(),
-                    lead: lead(1, taps.iter().map(|tap| tap[0]).min()),
+                    taps: Arc::clone(&taps_of[node.name.as_str()]),
+                    origin: [lead(1, taps.iter().map(|tap| tap[0]).min()), rows.start],
                 },
                 Op::Concat => unreachable!("returned above"),
             };
             debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
             vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame, full_precision }]
         };
-        let (mut steps, mut runs) = (Vec::new(), Vec::new());
-        for group in &groups {
-            let mut pieces = Vec::new();
-            for piece in &group.pieces {
-                let first = steps.len();
+        let carry = |name: &str| {
+            let count = *news.as_ref()?.carried.get(name)?;
+            let all = view(name);
+            let written = all.frames(all.shape.t - count, count);
+            let wanted = all.frames(all.shape.t - graph.window.hop - count, count);
+            let kept = kept.get(name).map(|&Place { buffer, stride, .. }| View {
+                slot: slots.of[buffer],
+                offset: 0,
+                stride,
+                ..written
+            });
+            Some(Carry { written, kept, wanted })
+        };
+        let lower = |computed: &HashMap<&str, Range<usize>>| {
+            let (mut steps, mut runs) = (Vec::new(), Vec::new());
+            for group in &groups {
+                let mut pieces = Vec::new();
                 let nodes = graph.nodes[group.nodes.clone()].iter();
-                let nodes = nodes.filter(|node| needed.contains_key(node.name.as_str()));
-                steps.extend(nodes.flat_map(|node| step(node, group, piece)));
-                pieces.push(first..steps.len());
+                let nodes = nodes.filter(|node| computed.contains_key(node.name.as_str()));
+                for piece in &group.pieces {
+                    let first = steps.len();
+                    steps.extend(nodes.clone().flat_map(|node| step(node, group, piece, computed)));
+                    if first < steps.len() {
+                        pieces.push(first..steps.len());
+                    }
+                }
+                let inner = group.inner.iter().map(|&name| places[name].buffer);
+                let inner = inner.map(|buffer| (slots.of[buffer], buffers[buffer].len)).collect();
+                let carries = nodes.filter_map(|node| carry(&node.name)).collect();
+                runs.push(Run { pieces, inner, carries });
             }
-            let inner = group.inner.iter().map(|&name| places[name].buffer);
-            let inner = inner.map(|buffer| (slots.of[buffer], buffers[buffer].len)).collect();
-            runs.push(Run { pieces, inner });
-        }
+            (steps, runs)
+        };
+        let (steps, runs) = lower(&needed);
+        let following = news.as_ref().map(|news| lower(&news.computed));
+        let following = following.map(|(steps, runs)| Following { steps, runs });
         let mut result = view(&graph.output);
         let first = needed[graph.output.as_str()].start;
         if covers_window && result.shape.c == 1 {
@@ -394,6 +521,7 @@ impl Plan {
             name: graph.name.clone(),
             steps,
             runs,
+            following,
             slots: slots.len,
             measurement: view(MEASUREMENT),
             result,
@@ -401,9 +529,15 @@ impl Plan {
         })
     }
 
-    /// Operations of all convolutions, two per multiplication and addition, for one window.
+    /// Operations of all convolutions, two per multiplication and addition, for one window: one of many, where the plan is
+    /// for streams.
     pub fn flop(&self) -> f64 {
-        self.steps.iter().map(Step::flop).sum()
+        self.usual_steps().iter().map(Step::flop).sum()
+    }
+
+    /// The steps of most windows: of one that follows another one, where the plan is for streams.
+    pub fn usual_steps(&self) -> &[Step] {
+        self.following.as_ref().map_or(&self.steps, |following| &following.steps)
     }
 
     /// Bytes of all slots with `bytes` per value.
@@ -428,6 +562,58 @@ impl Step {
         let taps: usize = conv.kernel.iter().product();
         2.0 * pixels as f64 * (taps * conv.in_channels * conv.out_channels) as f64
     }
+}
+
+fn check_size(graph: &Graph, height: usize, width: usize) -> Result<(), NetworkError> {
+    let [_, gy, gx] = graph.granularity()?;
+    if height == 0 || width == 0 || !height.is_multiple_of(gy) || !width.is_multiple_of(gx) {
+        return Err(NetworkError::Graph(
+            graph.name.clone(),
+            format!("a window of {height}×{width} pixels is not a multiple of {gy}×{gx}"),
+        ));
+    }
+    Ok(())
+}
+
+/// What is new in a window that follows another one.
+struct News<'a> {
+    /// Frames of each tensor that are computed: the last ones of those that a window by itself computes.
+    computed: HashMap<&'a str, Range<usize>>,
+    /// How many frames before those are read, where there are any.
+    carried: BTreeMap<&'a str, usize>,
+}
+
+/// What is new in a window behind another one, where each window computes the frames `needed`. `None` where frames depend
+/// on their window: where a layer reads its padding in time, or goes through time in steps.
+fn news<'a>(
+    graph: &'a Graph,
+    needed: &HashMap<&'a str, Range<usize>>,
+    groups: &[Group<'_>],
+) -> Result<Option<News<'a>>, NetworkError> {
+    let hop = graph.window.hop;
+    if graph.granularity()?[0] != 1 || needed.values().any(|frames| frames.len() < hop) {
+        return Ok(None);
+    }
+    let computed: HashMap<&str, Range<usize>> =
+        needed.iter().map(|(&name, frames)| (name, frames.end - hop..frames.end)).collect();
+    let mut carried: BTreeMap<&str, usize> = BTreeMap::new();
+    for node in graph.nodes.iter().filter(|node| computed.contains_key(node.name.as_str())) {
+        let reads = node.tensors().zip(node.reads(computed[node.name.as_str()].clone()));
+        for (name, read) in reads.filter(|(_, read)| !read.is_empty()) {
+            let Range { start, end } = &needed[name.as_str()];
+            if read.start < *start as isize || read.end > *end as isize {
+                return Ok(None);
+            }
+            let before = computed[name.as_str()].start.saturating_sub(read.start as usize);
+            // All of the measurement is given anew.
+            if before > 0 && name != MEASUREMENT {
+                let known = carried.entry(name).or_default();
+                *known = before.max(*known);
+            }
+        }
+    }
+    let lost = groups.iter().flat_map(|group| &group.inner).any(|name| carried.contains_key(name));
+    Ok((!lost).then_some(News { computed, carried }))
 }
 
 /// The tensors that are f32 at any precision (design §7). f16 is for what lies between two convolutions and no further:

@@ -8,6 +8,8 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
+
 use super::cover::Active;
 use super::footage::Seen;
 use super::gate::{Cells, Choice};
@@ -138,16 +140,18 @@ impl<'a> Line<'a> {
             }
             let schedule = window.begin + tile.frames.start as i64 - self.window.lead as i64;
             let frames = self.window.frames - self.window.hop + tile.frames.len();
-            self.measurement.clear();
-            for t in schedule..schedule + frames as i64 {
-                let frame = seen.at(t);
-                for y in tile.row.outer_start..tile.row.outer_start + tile.row.outer_len {
-                    let row = &frame[y * self.grid.width + tile.col.outer_start..][..tile.col.outer_len];
-                    self.measurement.extend_from_slice(row);
+            let [height, width] = [tile.row.outer_len, tile.col.outer_len];
+            self.measurement.resize(frames * height * width, 0.0);
+            let values = self.measurement.par_chunks_mut(height * width);
+            values.enumerate().for_each(|(t, values)| {
+                let frame = seen.at(schedule + t as i64);
+                for (y, values) in (tile.row.outer_start..).zip(values.chunks_mut(width)) {
+                    values.copy_from_slice(&frame[y * self.grid.width + tile.col.outer_start..][..width]);
                 }
-            }
+            });
             let begun = Instant::now();
-            self.ahead = self.pool.submit(size, &self.measurement, schedule)?;
+            let place = [tile.row.outer_start, tile.col.outer_start];
+            self.ahead = self.pool.submit(size, place, &self.measurement, schedule)?;
             self.done.inference += begun.elapsed();
             self.queue.push_back(Event::Tile(tile));
         }

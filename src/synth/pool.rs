@@ -22,6 +22,10 @@ pub struct Pool {
     /// Counts uses.
     clock: u64,
     limits: Limits,
+    /// The size of windows that mostly follow each other.
+    streams: Option<Size>,
+    /// Size, place and schedule time of the window that was submitted last.
+    last: Option<(Size, [usize; 2], i64)>,
     /// What CPU executors have in common.
     shared: Shared<f32>,
 }
@@ -44,8 +48,8 @@ pub fn with_hop(model: &Model, hop: usize) -> Model {
 }
 
 impl Pool {
-    /// No executors yet.
-    pub fn new(backend: &Backend, model: &Model, calibration: &Calibration) -> Self {
+    /// No executors yet. Windows of the size `streams` mostly follow each other.
+    pub fn new(backend: &Backend, model: &Model, calibration: &Calibration, streams: Option<Size>) -> Self {
         Self {
             backend: backend.clone(),
             model: model.clone(),
@@ -53,6 +57,8 @@ impl Pool {
             entries: HashMap::new(),
             clock: 0,
             limits: backend.limits(None),
+            streams,
+            last: None,
             shared: Shared::default(),
         }
     }
@@ -62,7 +68,8 @@ impl Pool {
         self.clock += 1;
         if !self.entries.contains_key(&size) {
             let [hop, height, width] = size;
-            let plan = self.limits.plan(&with_hop(&self.model, hop), height, width)?;
+            let model = with_hop(&self.model, hop);
+            let plan = self.limits.plan(&model, [height, width], self.streams == Some(size))?;
             let bytes = plan.slot_bytes(size_of::<f32>()) as u64;
             while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total {
                 let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
@@ -87,10 +94,22 @@ impl Pool {
         self.entries.get(&size).is_none_or(|entry| entry.waiting < entry.executor.in_flight())
     }
 
-    /// Starts to compute a window of `size`; see [`Executor::submit`]. Returns [`Executor::in_flight`].
-    pub fn submit(&mut self, size: Size, measurement: &[f32], schedule: i64) -> Result<usize> {
+    /// Starts to compute a window of `size` at a place (row, column) of the frame; see [`Executor::submit`]. Returns
+    /// [`Executor::in_flight`].
+    pub fn submit(
+        &mut self,
+        size: Size,
+        place: [usize; 2],
+        measurement: &[f32],
+        schedule: i64,
+    ) -> Result<usize> {
+        let before = self.last.replace((size, place, schedule));
         let entry = self.prepare(size, false)?;
-        entry.executor.submit(measurement, schedule)?;
+        if before == Some((size, place, schedule - size[0] as i64)) {
+            entry.executor.follow(measurement, schedule)?;
+        } else {
+            entry.executor.submit(measurement, schedule)?;
+        }
         entry.waiting += 1;
         Ok(entry.executor.in_flight())
     }
@@ -106,11 +125,13 @@ impl Pool {
 
     /// Forgets all executors, which may be in any state.
     pub fn clear(&mut self) {
+        self.last = None;
         self.entries.clear();
     }
 
     /// Forgets all windows that were not collected, with their executors.
     pub fn reset(&mut self) {
+        self.last = None;
         self.entries.retain(|_, entry| entry.waiting == 0);
     }
 }

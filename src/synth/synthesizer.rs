@@ -87,6 +87,10 @@ const CELL_SIDE: usize = 4;
 /// Cells [rows, columns] around one that has changed whose results change noticeably, which was measured
 /// (docs/skipping.md).
 const SPREAD: [usize; 2] = [2, 3];
+/// Where windows follow each other, long ones save nothing but their own beginnings and ends. So they take about as many
+/// bytes at most, but give as many frames at least (docs/performance.md).
+const STREAM_BYTES: usize = 1 << 30;
+const STREAM_FRAMES: usize = 8;
 /// Bytes of frames that wait between threads.
 const WAITING_BYTES: usize = 64 << 20;
 
@@ -145,13 +149,17 @@ impl Synthesizer {
             _ => (exact, spread),
         };
         let layout = Layout::new(model, cut, &cells, &grid)?;
-        let mut pool = Pool::new(backend, model, &calibration);
+        let whole = layout.whole(hop);
+        // One tile's windows follow each other; those of several ones take turns.
+        let streams = (whole.len() == 1).then(|| whole[0].size());
+        let mut pool = Pool::new(backend, model, &calibration, streams);
         let mut flop = 0.0;
-        for tile in layout.whole(hop) {
-            flop += Plan::lower(model, tile.row.outer_len, tile.col.outer_len)?.flop() / hop as f64;
+        for tile in &whole {
+            let size = [tile.row.outer_len, tile.col.outer_len];
+            flop += backend.limits(None).plan(model, size, streams.is_some())?.flop() / hop as f64;
         }
         // What cannot work is said before anything is read.
-        let executor = pool.describe(layout.whole(hop)[0].size())?;
+        let executor = pool.describe(whole[0].size())?;
         let window = model.graph.window;
         let stop = Arc::default();
         Ok(Self {
@@ -330,6 +338,8 @@ struct Lengths {
     cell: usize,
     /// A window can be shorter by a multiple of this.
     step: usize,
+    /// Whether all windows are computed, one after the other.
+    streams: bool,
 }
 
 /// Nets whose window has their reach in time before and behind give the same frames for any number of result frames.
@@ -345,17 +355,23 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
             let problem = format!("its windows give {hop} frames, and cannot give {wanted}");
             return Err(NetworkError::Graph(graph.name.clone(), problem).into());
         }
-        return Ok(Lengths { hop, least: hop, cell: hop, step: hop });
+        return Ok(Lengths { hop, least: hop, cell: hop, step: hop, streams: false });
     }
     let least = |hop: usize, step: usize| if options.hop.is_some() { hop } else { step };
     if options.skip == Skip::Off {
         let hop = wanted.next_multiple_of(granularity).max(1);
-        return Ok(Lengths { hop, least: least(hop, granularity), cell: hop, step: granularity });
+        return Ok(Lengths {
+            hop,
+            least: least(hop, granularity),
+            cell: hop,
+            step: granularity,
+            streams: true,
+        });
     }
     let repeat = lcm(granularity, calibration.period);
     let cell = repeat * CELL_FRAMES.div_ceil(repeat);
     let hop = wanted.max(1).next_multiple_of(cell);
-    Ok(Lengths { hop, least: least(hop, cell), cell, step: cell })
+    Ok(Lengths { hop, least: least(hop, cell), cell, step: cell, streams: false })
 }
 
 /// `model` with the windows that [`Synthesizer::new`] chooses for frames of `extent` [rows, columns].
@@ -370,7 +386,8 @@ pub fn fitted(
 }
 
 /// The window and the tiles with the fewest operations for each result frame within `limits`. Short windows compute
-/// more frames that no result keeps, and small tiles more pixels; both save memory, and neither changes a result.
+/// more frames that no result keeps, if they do not follow each other, and small tiles more pixels; both save memory, and
+/// neither changes a result.
 fn fit(
     model: &Model,
     calibration: &Calibration,
@@ -400,7 +417,15 @@ fn fit(
             (Err(error), Err(_)) => Err(error),
         };
     }
-    let (_, model, grid) = best?;
+    let (_, mut model, mut grid) = best?;
+    while lengths.streams && grid.tiles().count() == 1 {
+        let plan = limits.plan(&model, [grid.height, grid.width], true)?;
+        let hop = shorter(&model.graph.window.hop).filter(|&hop| hop >= STREAM_FRAMES);
+        let Some(hop) = hop.filter(|_| plan.following.is_some() && plan.slot_bytes(4) > STREAM_BYTES) else {
+            break;
+        };
+        (_, model, grid) = candidate(hop)?;
+    }
     Ok((model, grid))
 }
 

@@ -46,9 +46,18 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// The plan for windows of `model` of `height` × `width` pixels.
-    pub fn plan(&self, model: &Model, height: usize, width: usize) -> Result<Plan, NetworkError> {
-        Plan::in_pieces(model, height, width, self.piece.unwrap_or(usize::MAX))
+    /// The plan for windows of `model` of so many rows and columns, which mostly follow each other if it is for `streams`.
+    pub fn plan(
+        &self,
+        model: &Model,
+        [height, width]: [usize; 2],
+        streams: bool,
+    ) -> Result<Plan, NetworkError> {
+        match self.piece {
+            Some(bytes) if streams => Plan::streaming(model, height, width, bytes),
+            Some(bytes) => Plan::in_pieces(model, height, width, bytes),
+            None => Plan::lower(model, height, width),
+        }
     }
 }
 
@@ -69,7 +78,7 @@ impl Grid {
             let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
             let tallest = rows.iter().map(|s| s.outer_len).max().unwrap_or(0);
             let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
-            let plan = limits.plan(model, tallest, widest)?;
+            let plan = limits.plan(model, [tallest, widest], parts == [1, 1])?;
             let largest = 4 * plan.slots.iter().max().copied().unwrap_or(0) as u64;
             if largest <= limits.buffer && plan.slot_bytes(4) as u64 <= limits.total {
                 return Ok(Self { rows, cols, height, width });

@@ -729,7 +729,8 @@ fn answers(display: &str) -> bool {
     let Some(number) = display.and_then(|rest| rest.split('.').next()) else { return true };
     // Servers listen at a path and, for those in a container of their own, at the same name without a file.
     let path = format!("/tmp/.X11-unix/X{number}");
-    let unnamed = SocketAddr::from_abstract_name(&path).and_then(|address| UnixStream::connect_addr(&address));
+    let unnamed =
+        SocketAddr::from_abstract_name(&path).and_then(|address| UnixStream::connect_addr(&address));
     unnamed.or_else(|_| UnixStream::connect(&path)).is_ok()
 }
 
