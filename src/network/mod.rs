@@ -7,6 +7,7 @@
 mod executor;
 mod graph;
 mod model;
+mod news;
 mod pieces;
 mod plan;
 pub mod presets;

@@ -5,11 +5,12 @@
 //! step never reads the slot that it writes: safe Rust wants that on the CPU, and resource tracking on the
 //! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
+use super::news::news;
 use super::pieces::{Group, Piece, groups};
 use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
@@ -573,47 +574,6 @@ fn check_size(graph: &Graph, height: usize, width: usize) -> Result<(), NetworkE
         ));
     }
     Ok(())
-}
-
-/// What is new in a window that follows another one.
-struct News<'a> {
-    /// Frames of each tensor that are computed: the last ones of those that a window by itself computes.
-    computed: HashMap<&'a str, Range<usize>>,
-    /// How many frames before those are read, where there are any.
-    carried: BTreeMap<&'a str, usize>,
-}
-
-/// What is new in a window behind another one, where each window computes the frames `needed`. `None` where frames depend
-/// on their window: where a layer reads its padding in time, or goes through time in steps.
-fn news<'a>(
-    graph: &'a Graph,
-    needed: &HashMap<&'a str, Range<usize>>,
-    groups: &[Group<'_>],
-) -> Result<Option<News<'a>>, NetworkError> {
-    let hop = graph.window.hop;
-    if graph.granularity()?[0] != 1 || needed.values().any(|frames| frames.len() < hop) {
-        return Ok(None);
-    }
-    let computed: HashMap<&str, Range<usize>> =
-        needed.iter().map(|(&name, frames)| (name, frames.end - hop..frames.end)).collect();
-    let mut carried: BTreeMap<&str, usize> = BTreeMap::new();
-    for node in graph.nodes.iter().filter(|node| computed.contains_key(node.name.as_str())) {
-        let reads = node.tensors().zip(node.reads(computed[node.name.as_str()].clone()));
-        for (name, read) in reads.filter(|(_, read)| !read.is_empty()) {
-            let Range { start, end } = &needed[name.as_str()];
-            if read.start < *start as isize || read.end > *end as isize {
-                return Ok(None);
-            }
-            let before = computed[name.as_str()].start.saturating_sub(read.start as usize);
-            // All of the measurement is given anew.
-            if before > 0 && name != MEASUREMENT {
-                let known = carried.entry(name).or_default();
-                *known = before.max(*known);
-            }
-        }
-    }
-    let lost = groups.iter().flat_map(|group| &group.inner).any(|name| carried.contains_key(name));
-    Ok((!lost).then_some(News { computed, carried }))
 }
 
 /// The tensors that are f32 at any precision (design §7). f16 is for what lies between two convolutions and no further:

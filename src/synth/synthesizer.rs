@@ -420,10 +420,11 @@ fn fit(
     let (_, mut model, mut grid) = best?;
     while lengths.streams && grid.tiles().count() == 1 {
         let plan = limits.plan(&model, [grid.height, grid.width], true)?;
-        let hop = shorter(&model.graph.window.hop).filter(|&hop| hop >= STREAM_FRAMES);
-        let Some(hop) = hop.filter(|_| plan.following.is_some() && plan.slot_bytes(4) > STREAM_BYTES) else {
+        let before = model.graph.window.hop;
+        let hop = (before / 2).next_multiple_of(lengths.step).max(lengths.least).max(STREAM_FRAMES);
+        if hop >= before || plan.following.is_none() || plan.slot_bytes(4) <= STREAM_BYTES {
             break;
-        };
+        }
         (_, model, grid) = candidate(hop)?;
     }
     Ok((model, grid))
@@ -467,12 +468,35 @@ mod tests {
     use crate::network::presets;
     use crate::sensor::{Form, Pattern, Response};
 
-    #[test]
-    fn windows_are_as_long_as_memory_allows() {
+    fn tiny() -> (Model, Calibration) {
         let model = Model::random(presets::by_name("tiny").unwrap().graph().unwrap(), 0).unwrap();
         let pattern = Pattern::built_in("mpve-1-4").unwrap();
         let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).unwrap();
-        let calibration = Calibration::new(&pattern, &response);
+        (model, Calibration::new(&pattern, &response))
+    }
+
+    #[test]
+    fn windows_that_follow_each_other_take_a_gibibyte_or_eight_frames() {
+        let (model, calibration) = tiny();
+        let hop = |extent: [usize; 2], options: Options| {
+            let lengths = lengths(&model.graph, &calibration, options).unwrap();
+            let limits = Limits { buffer: u64::MAX, total: u64::MAX, piece: Some(2 << 20), side: None };
+            let (model, _) = fit(&model, &calibration, extent, limits, &lengths).unwrap();
+            model.graph.window.hop
+        };
+        assert_eq!(hop([128, 128], Options::default()), model.graph.window.hop);
+        let (large, huge) = ([720, 1280], [2160, 3840]);
+        let between = hop(large, Options::default());
+        assert!(between < model.graph.window.hop && between > STREAM_FRAMES, "{between}");
+        assert_eq!(hop(huge, Options::default()), STREAM_FRAMES);
+        // Boxes of cells do not follow each other, and what the user says holds.
+        assert_eq!(hop(huge, Options { skip: Skip::Exact, ..Options::default() }), model.graph.window.hop);
+        assert_eq!(hop(huge, Options { hop: Some(40), ..Options::default() }), 40);
+    }
+
+    #[test]
+    fn windows_are_as_long_as_memory_allows() {
+        let (model, calibration) = tiny();
         let options = Options::default();
         let lengths = lengths(&model.graph, &calibration, options).unwrap();
         let extent = [128, 128];
