@@ -11,6 +11,7 @@ mod news;
 mod pieces;
 mod plan;
 pub mod presets;
+mod slots;
 mod tensor;
 
 pub use executor::{Executor, Precision, WindowTime};

@@ -14,47 +14,66 @@ use super::{Graph, Node, Op, Shape};
 pub(super) struct Group<'a> {
     /// The nodes.
     pub nodes: Range<usize>,
-    /// The pieces, in order of what they write.
-    pub pieces: Vec<Piece>,
     /// Tensors that nothing but the group reads: of them, only the piece is there.
     pub inner: Vec<&'a str>,
+    /// Frames of the pieces.
+    frames: Vec<Range<usize>>,
+    /// Of each of them, the rows of the pieces: those of each node, or none for all rows.
+    strips: Vec<Vec<Range<usize>>>,
 }
 
 /// What the nodes of a group compute at a time.
 #[derive(Clone, Debug)]
-pub(super) struct Piece {
+pub(super) struct Piece<'g> {
     /// Frames.
     pub frames: Range<usize>,
-    /// Rows of each node, in the order of the nodes: a part of a single frame. Empty: all rows.
-    pub rows: Vec<Range<usize>>,
+    /// The first node of the group.
+    first: usize,
+    rows: &'g [Range<usize>],
 }
 
-impl Piece {
-    /// All rows of some frames.
-    fn frames(frames: Range<usize>) -> Self {
-        Self { frames, rows: Vec::new() }
+impl Piece<'_> {
+    /// Rows of the node with this index, which are a part of a single frame; `None`: all.
+    pub fn rows(&self, index: usize) -> Option<Range<usize>> {
+        self.rows.get(index.checked_sub(self.first)?).cloned()
     }
 }
 
 impl Group<'_> {
     /// A node by itself, computed whole.
     fn whole(node: usize) -> Self {
-        Self { nodes: node..node + 1, pieces: vec![Piece::frames(0..usize::MAX)], inner: Vec::new() }
+        Self {
+            nodes: node..node + 1,
+            inner: Vec::new(),
+            frames: std::iter::once(0..usize::MAX).collect(),
+            strips: vec![Vec::new()],
+        }
+    }
+
+    /// The pieces, in order of what they write.
+    pub fn pieces(&self) -> impl Iterator<Item = Piece<'_>> {
+        let first = self.nodes.start;
+        let strips = |frames: &Range<usize>| {
+            let frames = frames.clone();
+            self.strips.iter().map(move |rows| Piece { frames: frames.clone(), first, rows })
+        };
+        self.frames.iter().flat_map(strips)
+    }
+
+    /// Whether it is computed in several pieces.
+    pub fn is_cut(&self) -> bool {
+        self.frames.len() * self.strips.len() > 1
     }
 
     /// Most frames of a piece.
     pub fn most_frames(&self) -> usize {
-        self.pieces.iter().map(|piece| piece.frames.len()).max().unwrap_or(0)
-    }
-
-    /// Rows of the node with this index that a piece computes; `None`: all.
-    pub fn rows(&self, piece: &Piece, index: usize) -> Option<Range<usize>> {
-        piece.rows.get(index.checked_sub(self.nodes.start)?).cloned()
+        self.frames.iter().map(ExactSizeIterator::len).max().unwrap_or(0)
     }
 
     /// Most rows that a piece computes of the node with this index; `None`: all.
     pub fn most_rows(&self, index: usize) -> Option<usize> {
-        self.pieces.iter().map(|piece| Some(self.rows(piece, index)?.len())).max().flatten()
+        let node = index.checked_sub(self.nodes.start)?;
+        self.strips.iter().map(|rows| Some(rows.get(node)?.len())).max().flatten()
     }
 }
 
@@ -135,7 +154,7 @@ impl<'a> Net<'a, '_> {
         if inner.is_empty() || count < 2 {
             return nodes.map(Group::whole).collect();
         }
-        vec![Group { nodes, pieces: cuts(frames, count).map(Piece::frames).collect(), inner }]
+        vec![Group { nodes, inner, frames: cuts(frames, count).collect(), strips: vec![Vec::new()] }]
     }
 
     /// Nodes in pieces of rows of a frame; `None` if a frame is small enough, or if rows do not follow from a few rows.
@@ -169,9 +188,8 @@ impl<'a> Net<'a, '_> {
         if strips.iter().map(|rows| work(rows)).sum::<f64>() > OVERLAP * work(&heights) {
             return None;
         }
-        let piece = |t: usize| strips.iter().map(move |rows| Piece { frames: t..t + 1, rows: rows.clone() });
-        let pieces = self.frames(&nodes).flat_map(piece).collect();
-        Some(Group { nodes, pieces, inner })
+        let frames = self.frames(&nodes).map(|t| t..t + 1).collect();
+        Some(Group { nodes, inner, frames, strips })
     }
 
     /// Tensors of nodes that nobody else reads.

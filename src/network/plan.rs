@@ -10,8 +10,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
-use super::news::news;
-use super::pieces::{Group, Piece, groups};
+use super::pieces::{Group, Piece};
+use super::slots::{Arrangement, Place, indices};
 use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
 
 /// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
@@ -249,21 +249,6 @@ struct Read {
     row: usize,
 }
 
-/// A buffer before it has a slot: tensors that lie side by side, and the steps between which it is needed.
-struct Buffer {
-    len: usize,
-    first: usize,
-    last: usize,
-}
-
-/// Where a tensor lies: buffer, first channel, values between pixels.
-#[derive(Clone, Copy)]
-struct Place {
-    buffer: usize,
-    channel: usize,
-    stride: usize,
-}
-
 impl Plan {
     /// Lowers `model` for windows of `height` × `width` pixels, which must be multiples of the granularity.
     pub fn lower(model: &Model, height: usize, width: usize) -> Result<Self, NetworkError> {
@@ -299,48 +284,10 @@ impl Plan {
         streams: bool,
     ) -> Result<Self, NetworkError> {
         let graph = &model.graph;
-        let shapes = graph.shapes(height, width)?;
-        // The whole measurement is given; of the other tensors, only the frames that count are computed.
-        let mut needed = graph.needed_frames(&shapes);
-        let covers_window = shapes[graph.output.as_str()].t == graph.window.frames;
-        needed.insert(MEASUREMENT, 0..graph.window.frames);
-        let mut shapes: HashMap<&str, Shape> =
-            needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
-        let parts = parts(graph, &shapes);
-        let groups = groups(graph, &needed, &shapes, piece_bytes, |name| parts.contains_key(name));
-        let heights: HashMap<&str, usize> = shapes.iter().map(|(&name, shape)| (name, shape.y)).collect();
-        let index_of: HashMap<&str, usize> =
-            graph.nodes.iter().enumerate().map(|(index, node)| (node.name.as_str(), index)).collect();
-        for group in &groups {
-            for &name in &group.inner {
-                if let Some(shape) = shapes.get_mut(name) {
-                    shape.t = shape.t.min(group.most_frames());
-                    shape.y = group.most_rows(index_of[name]).unwrap_or(shape.y);
-                }
-            }
-        }
-        let (places, mut buffers) = place(graph, &shapes, &parts);
-        for group in groups.iter().filter(|group| group.pieces.len() > 1) {
-            keep(group, graph, &places, &mut buffers);
-        }
-        let news = if streams { news(graph, &needed, &groups)? } else { None };
-        let mut kept: HashMap<&str, Place> = HashMap::new();
-        let end = buffers.iter().map(|buffer| buffer.last).filter(|&last| last < usize::MAX).max();
-        for (&name, &count) in news.iter().flat_map(|news| &news.carried) {
-            let buffer = &mut buffers[places[name].buffer];
-            if Some(buffer.last) == end {
-                // Nobody would get its slot any more.
-                (buffer.first, buffer.last) = (0, usize::MAX);
-            }
-            if buffer.last == usize::MAX {
-                continue;
-            }
-            let Shape { y, x, c, .. } = shapes[name];
-            let stride = places[name].stride.min(c.next_multiple_of(4));
-            kept.insert(name, Place { buffer: buffers.len(), channel: 0, stride });
-            buffers.push(Buffer { len: count * y * x * stride, first: 0, last: usize::MAX });
-        }
-        let slots = assign_slots(&mut buffers);
+        let Arrangement { needed, shapes, heights, groups, places, buffers, slots, kept, news } =
+            &Arrangement::new(graph, height, width, piece_bytes, streams)?;
+        let covers_window = graph.shapes(height, width)?[graph.output.as_str()].t == graph.window.frames;
+        let index_of = indices(graph);
         let view = |name: &str| {
             let place = places[name];
             View {
@@ -351,14 +298,14 @@ impl Plan {
             }
         };
         // Frames and rows of a tensor that are there while a group computes a piece.
-        let there = |name: &str, group: &Group<'_>, piece: &Piece| {
+        let there = |name: &str, group: &Group<'_>, piece: &Piece<'_>| {
             let Range { start, end } = needed[name].clone();
             let rows = 0..heights[name];
             if !group.inner.contains(&name) {
                 return [start..end, rows];
             }
             let frames = start.max(piece.frames.start)..end.min(piece.frames.end);
-            [frames, group.rows(piece, index_of[name]).unwrap_or(rows)]
+            [frames, piece.rows(index_of[name]).unwrap_or(rows)]
         };
         // The part of a tensor that holds some of the frames and rows that are there.
         let part = |name: &str, there: &[Range<usize>; 2], [frames, rows]: [Range<usize>; 2]| {
@@ -382,7 +329,7 @@ impl Plan {
             let problem = "its concatenations copy too many channels".into();
             return Err(NetworkError::Graph(graph.name.clone(), problem));
         }
-        let step = |node: &Node, group: &Group<'_>, piece: &Piece, computed: &HashMap<&str, Range<usize>>| {
+        let step = |node: &Node, group: &Group<'_>, piece: &Piece<'_>, computed: &HashMap<&str, Range<usize>>| {
             let all = computed[node.name.as_str()].clone();
             let frames = all.start.max(piece.frames.start)..all.end.min(piece.frames.end);
             if frames.is_empty() {
@@ -393,7 +340,7 @@ impl Plan {
                 let cut = |name: &str| view(name).frames(frames.start - needed[name].start, frames.len());
                 return copies(node, cut(&node.name), full_precision, cut);
             }
-            let rows = group.rows(piece, index_of[node.name.as_str()]);
+            let rows = piece.rows(index_of[node.name.as_str()]);
             let wanted_rows = rows.clone().and_then(|rows| node.reads_rows(rows));
             let rows = rows.unwrap_or(0..heights[node.name.as_str()]);
             let present = there(&node.name, group, piece);
@@ -496,9 +443,9 @@ impl Plan {
                 let mut pieces = Vec::new();
                 let nodes = graph.nodes[group.nodes.clone()].iter();
                 let nodes = nodes.filter(|node| computed.contains_key(node.name.as_str()));
-                for piece in &group.pieces {
+                for piece in group.pieces() {
                     let first = steps.len();
-                    steps.extend(nodes.clone().flat_map(|node| step(node, group, piece, computed)));
+                    steps.extend(nodes.clone().flat_map(|node| step(node, group, &piece, computed)));
                     if first < steps.len() {
                         pieces.push(first..steps.len());
                     }
@@ -528,6 +475,20 @@ impl Plan {
             result,
             window: graph.window,
         })
+    }
+
+    /// Values in each slot that [`Plan::lower`], [`Plan::in_pieces`] or [`Plan::streaming`] would plan for, without the many
+    /// steps of large frames; and whether windows that follow each other would compute only what is new.
+    pub fn slots_of(
+        model: &Model,
+        height: usize,
+        width: usize,
+        piece_bytes: usize,
+        streams: bool,
+    ) -> Result<(Vec<usize>, bool), NetworkError> {
+        check_size(&model.graph, height, width)?;
+        let arrangement = Arrangement::new(&model.graph, height, width, piece_bytes, streams)?;
+        Ok((arrangement.slots.len, arrangement.news.is_some()))
     }
 
     /// Operations of all convolutions, two per multiplication and addition, for one window: one of many, where the plan is
@@ -611,32 +572,6 @@ fn full_precision(graph: &Graph) -> HashSet<&str> {
     }
 }
 
-/// Which tensors are written straight into a concatenation: its node, and the first channel there.
-fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str, (usize, usize)> {
-    let nodes: HashMap<&str, &Node> = graph.nodes.iter().map(|node| (node.name.as_str(), node)).collect();
-    let reads = |name: &str, other: &str| nodes[name].tensors().any(|input| input == other);
-    let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
-    for (index, concat) in graph.nodes.iter().enumerate() {
-        if !matches!(concat.op, Op::Concat) || !shapes.contains_key(concat.name.as_str()) {
-            continue;
-        }
-        let mut written: Vec<&str> = Vec::new();
-        let mut channel = 0;
-        for input in &concat.inputs {
-            let alone = matches!(nodes[input.as_str()].op, Op::Concat)
-                || part_of.contains_key(input.as_str())
-                || concat.inputs.iter().filter(|other| *other == input).count() > 1
-                || written.iter().any(|part| reads(part, input) || reads(input, part));
-            if !alone {
-                part_of.insert(input, (index, channel));
-                written.push(input);
-            }
-            channel += shapes[input.as_str()].c;
-        }
-    }
-    part_of
-}
-
 /// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with
 /// the identity, which are exact at any precision.
 fn copies(concat: &Node, whole: View, full_precision: bool, view: impl Fn(&str) -> View) -> Vec<Step> {
@@ -671,82 +606,4 @@ fn parts_to_copy(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec
         }
     }
     parts
-}
-
-/// Gives every tensor a buffer, and every buffer its lifetime in steps.
-fn place<'a>(
-    graph: &'a Graph,
-    shapes: &HashMap<&str, Shape>,
-    part_of: &HashMap<&str, (usize, usize)>,
-) -> (HashMap<&'a str, Place>, Vec<Buffer>) {
-    let mut buffers: Vec<Buffer> = Vec::new();
-    let mut places: HashMap<&str, Place> = HashMap::new();
-    let mut concat_places: HashMap<usize, Place> = HashMap::new();
-    // The measurement keeps its slot, since executors write it from outside.
-    buffers.push(Buffer { len: shapes[MEASUREMENT].len(), first: 0, last: usize::MAX });
-    places.insert(MEASUREMENT, Place { buffer: 0, channel: 0, stride: 1 });
-    // Nodes without a shape are not computed.
-    let computed = |node: &Node| shapes.contains_key(node.name.as_str());
-    for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| computed(node)) {
-        let mut whole_of = |node: &super::Node| {
-            let shape = shapes[node.name.as_str()];
-            let stride = if node.op.is_video() { 1 } else { shape.c.next_multiple_of(4) };
-            buffers.push(Buffer { len: shape.pixels() * stride, first: index, last: index });
-            Place { buffer: buffers.len() - 1, channel: 0, stride }
-        };
-        let place = if let Some(&place) = concat_places.get(&index) {
-            place
-        } else if let Some(&(concat, channel)) = part_of.get(node.name.as_str()) {
-            let whole = *concat_places.entry(concat).or_insert_with(|| whole_of(&graph.nodes[concat]));
-            Place { channel: whole.channel + channel, ..whole }
-        } else {
-            whole_of(node)
-        };
-        for place in node.tensors().filter_map(|name| places.get(name.as_str())) {
-            let buffer = &mut buffers[place.buffer];
-            buffer.last = buffer.last.max(index);
-        }
-        buffers[place.buffer].last = buffers[place.buffer].last.max(index);
-        places.insert(&node.name, place);
-    }
-    buffers[places[graph.output.as_str()].buffer].last = usize::MAX;
-    (places, buffers)
-}
-
-/// Keeps all that a group reads and writes until its last piece is done, and from its first one on.
-fn keep(group: &Group<'_>, graph: &Graph, places: &HashMap<&str, Place>, buffers: &mut [Buffer]) {
-    for node in &graph.nodes[group.nodes.clone()] {
-        for name in node.tensors().chain([&node.name]) {
-            let buffer = &mut buffers[places[name.as_str()].buffer];
-            buffer.first = buffer.first.min(group.nodes.start);
-            buffer.last = buffer.last.max(group.nodes.end - 1);
-        }
-    }
-}
-
-/// Sizes of the slots, and the slot of each buffer.
-struct Slots {
-    len: Vec<usize>,
-    of: Vec<usize>,
-}
-
-/// First fit by size: a buffer takes the free slot that wastes or grows least.
-fn assign_slots(buffers: &mut [Buffer]) -> Slots {
-    let mut slots = Slots { len: Vec::new(), of: vec![0; buffers.len()] };
-    let mut busy_until: Vec<usize> = Vec::new();
-    // Buffers are in order of their first step already.
-    for (index, buffer) in buffers.iter().enumerate() {
-        let free = (0..slots.len.len())
-            .filter(|&slot| busy_until[slot] < buffer.first)
-            .min_by_key(|&slot| slots.len[slot].abs_diff(buffer.len));
-        let slot = free.unwrap_or_else(|| {
-            slots.len.push(0);
-            busy_until.push(0);
-            slots.len.len() - 1
-        });
-        slots.len[slot] = slots.len[slot].max(buffer.len);
-        busy_until[slot] = buffer.last;
-        slots.of[index] = slot;
-    }
-    slots
 }

@@ -419,10 +419,10 @@ fn fit(
     }
     let (_, mut model, mut grid) = best?;
     while lengths.streams && grid.tiles().count() == 1 {
-        let plan = limits.plan(&model, [grid.height, grid.width], true)?;
+        let (slots, follows) = limits.slots(&model, [grid.height, grid.width], true)?;
         let before = model.graph.window.hop;
         let hop = (before / 2).next_multiple_of(lengths.step).max(lengths.least).max(STREAM_FRAMES);
-        if hop >= before || plan.following.is_none() || plan.slot_bytes(4) <= STREAM_BYTES {
+        if hop >= before || !follows || 4 * slots.iter().sum::<usize>() <= STREAM_BYTES {
             break;
         }
         (_, model, grid) = candidate(hop)?;

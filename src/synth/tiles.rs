@@ -59,6 +59,17 @@ impl Limits {
             None => Plan::lower(model, height, width),
         }
     }
+
+    /// What [`Plan::slots_of`] says of that plan.
+    pub fn slots(
+        &self,
+        model: &Model,
+        [height, width]: [usize; 2],
+        streams: bool,
+    ) -> Result<(Vec<usize>, bool), NetworkError> {
+        let streams = streams && self.piece.is_some();
+        Plan::slots_of(model, height, width, self.piece.unwrap_or(usize::MAX), streams)
+    }
 }
 
 impl Grid {
@@ -78,9 +89,9 @@ impl Grid {
             let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
             let tallest = rows.iter().map(|s| s.outer_len).max().unwrap_or(0);
             let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
-            let plan = limits.plan(model, [tallest, widest], parts == [1, 1])?;
-            let largest = 4 * plan.slots.iter().max().copied().unwrap_or(0) as u64;
-            if largest <= limits.buffer && plan.slot_bytes(4) as u64 <= limits.total {
+            let (slots, _) = limits.slots(model, [tallest, widest], parts == [1, 1])?;
+            let largest = 4 * slots.iter().max().copied().unwrap_or(0) as u64;
+            if largest <= limits.buffer && 4 * slots.iter().sum::<usize>() as u64 <= limits.total {
                 return Ok(Self { rows, cols, height, width });
             }
             // Cut the longer side once more, unless it is cut as finely as it can be.
