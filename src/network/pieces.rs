@@ -53,7 +53,7 @@ impl Group<'_> {
     /// The pieces, in order of what they write.
     pub fn pieces(&self) -> impl Iterator<Item = Piece<'_>> {
         let first = self.nodes.start;
-        let strips = |frames: &Range<usize>| {
+        let strips = move |frames: &Range<usize>| {
             let frames = frames.clone();
             self.strips.iter().map(move |rows| Piece { frames: frames.clone(), first, rows })
         };

@@ -329,7 +329,10 @@ impl Plan {
             let problem = "its concatenations copy too many channels".into();
             return Err(NetworkError::Graph(graph.name.clone(), problem));
         }
-        let step = |node: &Node, group: &Group<'_>, piece: &Piece<'_>, computed: &HashMap<&str, Range<usize>>| {
+        let step = |node: &Node,
+                    group: &Group<'_>,
+                    piece: &Piece<'_>,
+                    computed: &HashMap<&str, Range<usize>>| {
             let all = computed[node.name.as_str()].clone();
             let frames = all.start.max(piece.frames.start)..all.end.min(piece.frames.end);
             if frames.is_empty() {
@@ -439,7 +442,7 @@ impl Plan {
         };
         let lower = |computed: &HashMap<&str, Range<usize>>| {
             let (mut steps, mut runs) = (Vec::new(), Vec::new());
-            for group in &groups {
+            for group in groups {
                 let mut pieces = Vec::new();
                 let nodes = graph.nodes[group.nodes.clone()].iter();
                 let nodes = nodes.filter(|node| computed.contains_key(node.name.as_str()));
@@ -470,7 +473,7 @@ impl Plan {
             steps,
             runs,
             following,
-            slots: slots.len,
+            slots: slots.len.clone(),
             measurement: view(MEASUREMENT),
             result,
             window: graph.window,
