@@ -460,7 +460,7 @@ impl Plan {
             }
             (steps, runs)
         };
-        let (steps, runs) = lower(&needed);
+        let (steps, runs) = lower(needed);
         let following = news.as_ref().map(|news| lower(&news.computed));
         let following = following.map(|(steps, runs)| Following { steps, runs });
         let mut result = view(&graph.output);
