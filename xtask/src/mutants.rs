@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 13] = [
+const MUTANTS: [Mutant; 15] = [
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",
@@ -38,7 +38,7 @@ const MUTANTS: [Mutant; 13] = [
     },
     Mutant {
         what: "a buffer is used again one step too soon",
-        file: "src/network/plan.rs",
+        file: "src/network/slots.rs",
         sound: "busy_until[slot] = buffer.last;",
         faulty: "busy_until[slot] = buffer.last.max(1) - 1;",
         test: ["cpu_executor", "slots_and_concatenations_change_nothing"],
@@ -49,6 +49,20 @@ const MUTANTS: [Mutant; 13] = [
         sound: "large && (read == now || read.is_empty())",
         faulty: "large",
         test: ["cpu_executor", "pieces_change_nothing"],
+    },
+    Mutant {
+        what: "a piece of rows lacks the rows around it",
+        file: "src/network/graph.rs",
+        sound: "Some(vec![first(start)..first(end - 1) + kernel, same])",
+        faulty: "Some(vec![first(start).max(start)..end.max(kernel.min(0)), same])",
+        test: ["cpu_executor", "pieces_change_nothing"],
+    },
+    Mutant {
+        what: "a window takes over frames of the one before at the wrong place",
+        file: "src/network/plan.rs",
+        sound: "let wanted = all.frames(all.shape.t - graph.window.hop - count, count);",
+        faulty: "let wanted = all.frames((all.shape.t - graph.window.hop - count).saturating_sub(1), count);",
+        test: ["cpu_executor", "a_window_that_follows_computes_what_is_new_and_the_same"],
     },
     Mutant {
         what: "tiles see half of what results depend on",
