@@ -147,10 +147,11 @@ impl<R: Real> CpuExecutor<R> {
     /// The steps of a window by itself, or of one that follows another one.
     fn program(&self, follows: bool) -> Program<'_, R> {
         let [own, other] = &self.packed;
-        match self.plan.following.as_ref().filter(|_| follows) {
-            Some(Following { steps, runs }) => Program { executor: self, steps, runs, packed: other },
-            None => Program { executor: self, steps: &self.plan.steps, runs: &self.plan.runs, packed: own },
+        let Plan { steps, runs, following, .. } = &self.plan;
+        if let Some(Following { steps, runs }) = following.as_ref().filter(|_| follows) {
+            return Program { executor: self, steps, runs, packed: other, follows };
         }
+        Program { executor: self, steps, runs, packed: own, follows: false }
     }
 
     fn start(&mut self, measurement: &[f32], schedule: i64, follows: bool) -> Result<()> {
@@ -180,13 +181,14 @@ struct Program<'a, R> {
     steps: &'a [Step],
     runs: &'a [Run],
     packed: &'a [Option<Arc<Packed<R>>>],
+    /// Whether frames that the window before has computed are there.
+    follows: bool,
 }
 
 impl<R: Real> Program<'_, R> {
     fn run(&self, memory: &mut Memory<R>, schedule: i64) {
-        let follows = !std::ptr::eq(self.runs, &raw const *self.executor.plan.runs);
         for run in self.runs {
-            for Carry { written, kept, wanted } in run.carries.iter().filter(|_| follows) {
+            for Carry { written, kept, wanted } in run.carries.iter().filter(|_| self.follows) {
                 memory.copy(kept.as_ref().unwrap_or(written), wanted);
             }
             let bytes = run.inner.iter().map(|(_, len)| len * size_of::<R>()).sum::<usize>();

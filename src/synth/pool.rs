@@ -35,6 +35,8 @@ struct Entry {
     /// Windows that were submitted and not yet collected.
     waiting: usize,
     bytes: u64,
+    /// Operations of most windows.
+    flop: f64,
     used: u64,
 }
 
@@ -70,23 +72,25 @@ impl Pool {
             let [hop, height, width] = size;
             let model = with_hop(&self.model, hop);
             let plan = self.limits.plan(&model, [height, width], self.streams == Some(size))?;
-            let bytes = plan.slot_bytes(size_of::<f32>()) as u64;
+            let (bytes, flop) = (plan.slot_bytes(size_of::<f32>()) as u64, plan.flop());
             while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total {
                 let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
                 let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
                 self.entries.remove(&oldest);
             }
             let executor = self.backend.executor_sharing(plan, &self.calibration, tuned, &self.shared)?;
-            self.entries.insert(size, Entry { executor, waiting: 0, bytes, used: 0 });
+            self.entries.insert(size, Entry { executor, waiting: 0, bytes, flop, used: 0 });
         }
         let entry = self.entries.get_mut(&size).expect("it was inserted above");
         entry.used = self.clock;
         Ok(entry)
     }
 
-    /// Makes the executor for windows of `size`, the most frequent one, and says in words what it is.
-    pub fn describe(&mut self, size: Size) -> Result<String> {
-        Ok(self.prepare(size, true)?.executor.describe())
+    /// Makes the executor for windows of `size`, the most frequent one, and says in words what it is, and how many
+    /// operations such a window takes.
+    pub fn describe(&mut self, size: Size) -> Result<(String, f64)> {
+        let Entry { executor, flop, .. } = self.prepare(size, true)?;
+        Ok((executor.describe(), *flop))
     }
 
     /// Whether a window of `size`, which was prepared for, can be submitted before one is collected.

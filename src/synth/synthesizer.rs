@@ -153,13 +153,9 @@ impl Synthesizer {
         // One tile's windows follow each other; those of several ones take turns.
         let streams = (whole.len() == 1).then(|| whole[0].size());
         let mut pool = Pool::new(backend, model, &calibration, streams);
-        let mut flop = 0.0;
-        for tile in &whole {
-            let size = [tile.row.outer_len, tile.col.outer_len];
-            flop += backend.limits(None).plan(model, size, streams.is_some())?.flop() / hop as f64;
-        }
-        // What cannot work is said before anything is read.
-        let executor = pool.describe(whole[0].size())?;
+        // What cannot work is said before anything is read. All tiles have one size.
+        let (executor, flop) = pool.describe(whole[0].size())?;
+        let flop = flop * whole.len() as f64 / hop as f64;
         let window = model.graph.window;
         let stop = Arc::default();
         Ok(Self {
