@@ -138,6 +138,7 @@ fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serd
         "rows": calibration.rows,
         "cols": calibration.cols,
         "exposures": calibration.exposures,
+        "symmetries": calibration.symmetries,
         "saturation": sampler.response.saturation(),
         "inverse_response": calibration.inverse_response,
         "bit_depth": sampler.bit_depth,

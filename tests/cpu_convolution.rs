@@ -10,7 +10,14 @@ use rand_chacha::ChaCha8Rng;
 
 /// A convolution does not look at the camera.
 fn no_camera() -> Calibration {
-    Calibration { period: 1, rows: 1, cols: 1, exposures: vec![1.0], inverse_response: vec![0.0, 1.0] }
+    Calibration {
+        period: 1,
+        rows: 1,
+        cols: 1,
+        exposures: vec![1.0],
+        inverse_response: vec![0.0, 1.0],
+        symmetries: vec![pix2hdr::sensor::Symmetry::IDENTITY],
+    }
 }
 
 struct Case {

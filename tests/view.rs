@@ -54,6 +54,7 @@ fn dials() -> Dials {
         skip: Skip::Off,
         side: None,
         hop: None,
+        ensemble: 1,
     }
 }
 

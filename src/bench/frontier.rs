@@ -10,7 +10,7 @@ use crate::quality::Plot;
 pub fn frontier(rows: &[Row]) -> Plot {
     /// Sums over scenes: milliseconds, dB, rows.
     type Sum = (f64, f64, f64);
-    let mut series: BTreeMap<String, BTreeMap<&str, Sum>> = BTreeMap::new();
+    let mut series: BTreeMap<String, BTreeMap<String, Sum>> = BTreeMap::new();
     let sizes: BTreeSet<_> = rows.iter().map(|row| (row.width, row.height)).collect();
     for row in rows {
         let Some(psnr) = row.psnr_mu_db else { continue };
@@ -21,15 +21,15 @@ pub fn frontier(rows: &[Row]) -> Plot {
         if sizes.len() > 1 {
             name += &format!(", {}×{}", row.width, row.height);
         }
-        let sum = series.entry(name).or_default().entry(&row.preset).or_default();
+        let sum = series.entry(name).or_default().entry(row.net()).or_default();
         *sum = (sum.0 + row.ms_per_frame_median, sum.1 + psnr, sum.2 + 1.0);
     }
     let mut plot =
         Plot::new("run time against error", "inference, ms per frame", "PSNR-µ / dB").logarithmic_x();
     let mut ends = (f64::INFINITY, 0.0_f64);
-    for (name, presets) in series {
+    for (name, nets) in series {
         let mut points: Vec<(String, (f64, f64))> =
-            presets.iter().map(|(preset, (ms, db, n))| ((*preset).to_owned(), (ms / n, db / n))).collect();
+            nets.into_iter().map(|(net, (ms, db, n))| (net, (ms / n, db / n))).collect();
         points.sort_by(|a, b| a.1.0.total_cmp(&b.1.0));
         for (_, (ms, _)) in &points {
             ends = (ends.0.min(*ms), ends.1.max(*ms));

@@ -14,7 +14,7 @@ use crate::gpu::{self, GpuExecutor, Storage, Variant};
 use crate::network::{Executor, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
-use crate::synth::{Backend, Options, Skip, Skipped, Synthesizer, tiles::Grid, windows};
+use crate::synth::{Backend, Ensemble, Options, Skip, Skipped, Synthesizer, tiles::Grid, views, windows};
 use crate::video::Video;
 
 /// A sample takes at least this long, so that it outweighs the way to a device: short windows are computed several
@@ -44,6 +44,8 @@ pub struct Case<'a> {
     pub peak: Peak,
     /// What may be left out.
     pub skip: Skip,
+    /// Views of which the mean is taken.
+    pub ensemble: usize,
     /// How GPU convolutions are divided, if that is not to be chosen by layer. Only inference is measured then.
     pub variant: Option<Variant>,
     /// How much time is spent.
@@ -67,6 +69,8 @@ pub struct Row {
     pub precision: &'static str,
     /// `off`, `exact` or `bounded`.
     pub skip: &'static str,
+    /// Views of which the mean is taken. Each is a window's work; errors against the oracle are those of one.
+    pub ensemble: usize,
     /// Name of the scene.
     pub scene: String,
     /// Columns.
@@ -115,6 +119,13 @@ pub struct Row {
     /// The steps of the most frequent tile, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layers: Option<Vec<Layer>>,
+}
+
+impl Row {
+    /// Name of the net, and in how many views.
+    pub fn net(&self) -> String {
+        if self.ensemble > 1 { format!("{} ×{}", self.preset, self.ensemble) } else { self.preset.clone() }
+    }
 }
 
 /// Time of a step.
@@ -178,12 +189,15 @@ impl Case<'_> {
         let peak_memory_bytes = memory.then(machine::peak_memory).flatten();
 
         let precision = self.backend.precision();
-        let floors = self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count)), precision);
+        let floors =
+            self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count * self.ensemble)), precision);
         let per_frame = |seconds: f64| 1e3 * seconds / hop;
         let median = per_frame(wall.median());
         let mut checked = self.executor(oracle.plan().clone(), &calibration)?;
         let psnr_vs_oracle_db = match &whole {
-            Some(whole) if oracle.is_whole() => Some(oracle.psnr_of_video(clip, &whole.video)),
+            Some(whole) if oracle.is_whole() && self.ensemble == 1 => {
+                Some(oracle.psnr_of_video(clip, &whole.video))
+            }
             // The executor by itself never skips.
             _ if self.skip != Skip::Off => None,
             _ => Some(oracle.psnr_of_executor(&mut *checked)?),
@@ -201,6 +215,7 @@ impl Case<'_> {
             adapter: self.backend.adapter(),
             precision: precision.name(),
             skip: self.skip.name(),
+            ensemble: self.ensemble,
             scene: clip.scene.clone(),
             width,
             height,
@@ -239,7 +254,7 @@ impl Case<'_> {
     /// The whole job.
     fn end_to_end(&self, clip: &Clip, calibration: &Calibration) -> Result<EndToEnd> {
         let extent = clip.extent();
-        let options = Options { skip: self.skip, ..Options::default() };
+        let options = Options { skip: self.skip, ensemble: self.ensemble, ..Options::default() };
         let mut synthesizer =
             Synthesizer::with(self.model, calibration.clone(), extent, self.backend, options)?;
         // Every run gives the same.
@@ -265,6 +280,8 @@ impl Case<'_> {
     fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<Tile>> {
         let window = self.model.graph.window;
         let seen = clip.window(window, clip.last_window(window), calibration, [grid.height, grid.width]);
+        let views = views(&self.model.graph, calibration, self.ensemble)?;
+        let streams = grid.tiles().count() == 1 && views.len() == 1;
         let mut tiles: Vec<Tile> = Vec::new();
         for (row, col) in grid.tiles() {
             let size = [row.outer_len, col.outer_len];
@@ -273,8 +290,9 @@ impl Case<'_> {
                 tile.count += 1;
                 continue;
             }
-            let plan = self.backend.limits(None).plan(self.model, size, grid.tiles().count() == 1)?;
+            let plan = self.backend.limits(None).plan(self.model, size, streams)?;
             let executor = self.executor(plan.clone(), calibration)?;
+            let executor = Ensemble::over(executor, &views, window, size, calibration);
             let measurement = crop(&seen, [row.outer_start, col.outer_start], size);
             tiles.push(Tile { plan, executor, measurement, count: 1, windows: 1 });
         }

@@ -37,8 +37,8 @@ pub struct Bench {
     #[arg(long, value_delimiter = ',', default_value = "128x128", value_parser = parse_size, value_name = "WxH,…")]
     size: Vec<[usize; 2]>,
     /// Frames of a clip [default: 80; with --quick, 40]
-    #[arg(long, value_parser = at_least_one)]
-    frames: Option<usize>,
+    #[arg(long, value_delimiter = ',', value_parser = at_least_one, value_name = "FRAMES,…")]
+    frames: Vec<usize>,
     /// Where the nets run
     #[arg(long, value_enum, value_delimiter = ',', default_value = "auto", value_name = "EXECUTOR,…")]
     executor: Vec<Executor>,
@@ -54,6 +54,9 @@ pub struct Bench {
     /// With --skip bounded: as in `synth`
     #[arg(long, default_value_t = synth::Skip::ALLOWED_ERROR, value_parser = allowed_error, value_name = "L")]
     allowed_error: f64,
+    /// Views of which the mean is taken, as in `synth`
+    #[arg(long, value_delimiter = ',', default_value = "1", value_parser = at_least_one, value_name = "VIEWS,…")]
+    ensemble: Vec<usize>,
     /// Built-in scenes
     #[arg(long, value_delimiter = ',', default_value = "fan", value_name = "SCENE,…")]
     scene: Vec<String>,
@@ -67,7 +70,7 @@ pub struct Bench {
     /// Measure numerical stability in place of run time: every kernel and whole nets under stress, and for the first
     /// trained net sensitivity to what is wrong with a capture and 100,000 frames in a row; writes stability.json
     /// (docs/numerics.md)
-    #[arg(long, conflicts_with_all = ["per_layer", "variant", "size", "frames", "skip", "scene"])]
+    #[arg(long, conflicts_with_all = ["per_layer", "variant", "size", "frames", "skip", "ensemble", "scene"])]
     stability: bool,
     /// Take a fifth of the time, or less
     #[arg(long)]
@@ -224,13 +227,18 @@ impl Bench {
         } else {
             Effort { patience: Duration::from_millis(1500), check_flop: 60e9 }
         };
-        let frames = self.frames.unwrap_or(if self.quick { 40 } else { 80 });
-        let ways: usize =
-            backends.iter().map(|(backend, _)| self.at_precisions(backend).len() * self.skip.len()).sum();
-        let count = nets.len() * self.size.len() * self.scene.len() * ways;
+        let lengths = match &self.frames[..] {
+            [] if self.quick => &[40],
+            [] => &[80],
+            given => given,
+        };
+        let places: usize = backends.iter().map(|(backend, _)| self.at_precisions(backend).len()).sum();
+        let ways = places * self.skip.len() * self.ensemble.len();
+        let count = nets.len() * self.size.len() * lengths.len() * self.scene.len() * ways;
         let bar = terminal::progress(count, "measuring");
         let mut rows = Vec::with_capacity(count);
-        for &[width, height] in &self.size {
+        let clips = self.size.iter().flat_map(|size| lengths.iter().map(move |frames| (size, *frames)));
+        for (&[width, height], frames) in clips {
             for name in &self.scene {
                 let scene = procedural::by_name(name, height, width, self.seed)
                     .ok_or_else(|| Error::Usage(format!("no scene '{name}'")))?;
@@ -248,8 +256,12 @@ impl Bench {
                     let oracle = Oracle::new(model, &clip, effort.check_flop)?;
                     for &(ref backend, peak) in backends {
                         for backend in &self.at_precisions(backend) {
-                            for skip in &self.skip {
-                                let skip = skip.within(self.allowed_error);
+                            let ways = self.skip.iter().flat_map(|skip| {
+                                self.ensemble
+                                    .iter()
+                                    .map(|&ensemble| (skip.within(self.allowed_error), ensemble))
+                            });
+                            for (skip, ensemble) in ways {
                                 let case = Case {
                                     preset,
                                     model,
@@ -257,6 +269,7 @@ impl Bench {
                                     backend,
                                     peak,
                                     skip,
+                                    ensemble,
                                     variant: self.variant,
                                     effort,
                                     per_layer: self.per_layer,
@@ -304,40 +317,52 @@ impl Bench {
     }
 }
 
-/// Name of a net, marked where its weights are random.
+/// Name of a net and in how many views, marked where its weights are random.
 fn preset(row: &Row) -> String {
-    format!("{}{}", row.preset, if row.weights == "random" { "*" } else { "" })
+    row.net() + if row.weights == "random" { "*" } else { "" }
 }
 
 /// What a row is about.
 fn subject(row: &Row) -> Vec<String> {
     let size = format!("{}×{}", row.width, row.height);
-    vec![preset(row), row.executor.into(), row.precision.into(), row.skip.into(), row.scene.clone(), size]
+    let frames = format!("{} frames", row.frames);
+    vec![
+        preset(row),
+        row.executor.into(),
+        row.precision.into(),
+        row.skip.into(),
+        row.scene.clone(),
+        size,
+        frames,
+    ]
 }
 
 fn title(row: &Row) -> String {
     subject(row).join(", ")
 }
 
-const SUBJECT: [&str; 6] = ["net", "executor", "numbers", "skip", "scene", "pixels"];
+const SUBJECT: [&str; 7] = ["net", "executor", "numbers", "skip", "scene", "pixels", "clip"];
 
 fn speed_table(rows: &[Row]) -> Table {
     let mut table = Table::new(
         &[
             &SUBJECT[..],
-            &["ms/frame", "p95", "device ms", "processor ms", "end to end ms", "frames/s", "Mpixel/s"],
+            &["ms/frame", "p95", "device ms", "processor ms", "end to end ms", "end to end ms/Mpixel"],
+            &["frames/s", "Mpixel/s"],
             &["GFLOP/frame", "% of peak", "MiB"],
         ]
         .concat(),
     );
     for row in rows {
         let mut cells = subject(row);
+        let mpixel = 1e-6 * (row.width * row.height) as f64;
         cells.extend([
             short(row.ms_per_frame_median),
             short(row.ms_per_frame_p95),
             row.device_ms_per_frame_median.map_or_else(|| figure(None, 0), short),
             row.processor_ms_per_frame.map_or_else(|| figure(None, 0), short),
             row.end_to_end_ms_per_frame.map_or_else(|| figure(None, 0), short),
+            row.end_to_end_ms_per_frame.map_or_else(|| figure(None, 0), |ms| short(ms / mpixel)),
             short(row.frames_per_s),
             short(row.mpixel_per_s),
             short(row.floors.gflop_per_frame),
@@ -383,7 +408,7 @@ fn floor_table(rows: &[Row]) -> Table {
     ]);
     let mut seen = Vec::new();
     for row in rows {
-        let key = (&row.preset, row.executor, row.precision, row.width, row.height);
+        let key = (row.net(), row.executor, row.precision, row.width, row.height);
         if seen.contains(&key) {
             continue;
         }

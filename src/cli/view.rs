@@ -132,6 +132,7 @@ impl View {
                 skip: self.engine.skip.within(self.engine.allowed_error),
                 side: self.engine.tile,
                 hop: self.engine.hop.map(usize::from),
+                ensemble: usize::from(self.engine.ensemble),
             },
             out: self.out.clone(),
             settings: Settings::path(),

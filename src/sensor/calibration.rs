@@ -1,6 +1,6 @@
 //! What the kernels need to know about the camera, as tables.
 
-use super::{Pattern, Response};
+use super::{Pattern, Response, Symmetry};
 
 /// Intervals of the table of R⁻¹: a multiple of 1023, so that every 10-bit level lies on a node.
 const INTERVALS: usize = 4 * 1023;
@@ -18,6 +18,8 @@ pub struct Calibration {
     pub exposures: Vec<f32>,
     /// R⁻¹ in p·frames at y = i/(n − 1), i = 0 … n − 1; linear in between. The last entry is x_sat.
     pub inverse_response: Vec<f32>,
+    /// Views in which the pattern looks as before; the first one is as it is.
+    pub symmetries: Vec<Symmetry>,
 }
 
 impl Calibration {
@@ -36,6 +38,7 @@ impl Calibration {
             cols: pattern.cols,
             exposures,
             inverse_response: (0..=INTERVALS).map(node).collect(),
+            symmetries: Symmetry::all_of(pattern),
         }
     }
 

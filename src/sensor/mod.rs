@@ -9,6 +9,7 @@ mod pattern;
 mod recording;
 mod response;
 mod sampler;
+mod symmetry;
 
 use std::fs::File;
 use std::io::Read;
@@ -23,6 +24,7 @@ pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use recording::{CaptureFile, FrameSource, Recording};
 pub use response::{Form, Response};
 pub use sampler::{Noise, Sampler};
+pub use symmetry::Symmetry;
 
 /// Most bytes of a text file that is read: a bound on what a hostile one can make us allocate.
 const MAX_TEXT: u64 = 16 << 20;

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 
 use super::Backend;
+use super::ensemble::Ensemble;
 use super::tiles::Limits;
 use crate::Result;
 use crate::cpu::Shared;
 use crate::network::{Executor, Model, Window};
-use crate::sensor::Calibration;
+use crate::sensor::{Calibration, Symmetry};
 
 /// Result frames, rows and columns of a window.
 pub type Size = [usize; 3];
@@ -24,6 +25,8 @@ pub struct Pool {
     limits: Limits,
     /// The size of windows that mostly follow each other.
     streams: Option<Size>,
+    /// Views of a window of which the mean is taken; one: the window as it is.
+    views: Vec<Symmetry>,
     /// Size, place and schedule time of the window that was submitted last.
     last: Option<(Size, [usize; 2], i64)>,
     /// What CPU executors have in common.
@@ -50,8 +53,14 @@ pub fn with_hop(model: &Model, hop: usize) -> Model {
 }
 
 impl Pool {
-    /// No executors yet. Windows of the size `streams` mostly follow each other.
-    pub fn new(backend: &Backend, model: &Model, calibration: &Calibration, streams: Option<Size>) -> Self {
+    /// No executors yet. Windows of the size `streams` mostly follow each other, and results are means over `views`.
+    pub fn new(
+        backend: &Backend,
+        model: &Model,
+        calibration: &Calibration,
+        streams: Option<Size>,
+        views: Vec<Symmetry>,
+    ) -> Self {
         Self {
             backend: backend.clone(),
             model: model.clone(),
@@ -60,6 +69,7 @@ impl Pool {
             clock: 0,
             limits: backend.limits(None),
             streams,
+            views,
             last: None,
             shared: Shared::default(),
         }
@@ -73,12 +83,15 @@ impl Pool {
             let model = with_hop(&self.model, hop);
             let plan = self.limits.plan(&model, [height, width], self.streams == Some(size))?;
             let (bytes, flop) = (plan.slot_bytes(size_of::<f32>()) as u64, plan.flop());
+            let flop = flop * self.views.len() as f64;
             while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total {
                 let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
                 let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
                 self.entries.remove(&oldest);
             }
             let executor = self.backend.executor_sharing(plan, &self.calibration, tuned, &self.shared)?;
+            let window = model.graph.window;
+            let executor = Ensemble::over(executor, &self.views, window, [height, width], &self.calibration);
             self.entries.insert(size, Entry { executor, waiting: 0, bytes, flop, used: 0 });
         }
         let entry = self.entries.get_mut(&size).expect("it was inserted above");

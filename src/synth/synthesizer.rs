@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::Backend;
 use super::cover::cover;
+use super::ensemble::views;
 use super::footage::{Footage, Seen};
 use super::gate::{Cells, Gate};
 use super::layout::Layout;
@@ -58,6 +59,9 @@ pub struct Options {
     pub skip: Skip,
     /// Result frames of a window, in place of the model's own number.
     pub hop: Option<usize>,
+    /// Views in which the camera's pattern looks the same, of whose results the mean is taken (see [`views`]); 0 or 1: the
+    /// recording as it is.
+    pub ensemble: usize,
 }
 
 /// A model made ready for recordings of one size.
@@ -130,6 +134,7 @@ impl Synthesizer {
     ) -> Result<Self> {
         model.graph.check_renders_video()?;
         let skip = options.skip;
+        let views = views(&model.graph, &calibration, options.ensemble)?;
         let lengths = lengths(&model.graph, &calibration, options)?;
         let (model, grid) = &fit(model, &calibration, extent, backend.limits(options.side), &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
@@ -150,9 +155,9 @@ impl Synthesizer {
         };
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let whole = layout.whole(hop);
-        // One tile's windows follow each other; those of several ones take turns.
-        let streams = (whole.len() == 1).then(|| whole[0].size());
-        let mut pool = Pool::new(backend, model, &calibration, streams);
+        // One tile's windows follow each other; those of several ones, or views, take turns.
+        let streams = (whole.len() == 1 && views.len() == 1).then(|| whole[0].size());
+        let mut pool = Pool::new(backend, model, &calibration, streams, views);
         // What cannot work is said before anything is read. All tiles have one size.
         let (executor, flop) = pool.describe(whole[0].size())?;
         let flop = flop * whole.len() as f64 / hop as f64;
@@ -361,7 +366,7 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
             least: least(hop, granularity),
             cell: hop,
             step: granularity,
-            streams: true,
+            streams: options.ensemble <= 1,
         });
     }
     let repeat = lcm(granularity, calibration.period);

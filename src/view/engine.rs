@@ -54,6 +54,8 @@ pub struct Dials {
     pub side: Option<usize>,
     /// Result frames of a window.
     pub hop: Option<usize>,
+    /// Views of which the mean is taken.
+    pub ensemble: usize,
 }
 
 /// What is known of the source.
@@ -513,7 +515,7 @@ impl Worker {
         };
         let mut model = Model::load_for(&self.dials.weights, &recording.pattern)?;
         let warning = check_fits(&model, &recording)?;
-        let Dials { skip, side, hop, .. } = &self.dials;
+        let &Dials { skip, side, hop, ensemble, .. } = &self.dials;
         let backend = match self.backend.take() {
             Some(backend) => backend,
             None => self.choose()?,
@@ -530,7 +532,7 @@ impl Worker {
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name.clone());
         }
-        let options = synth::Options { skip: *skip, side: *side, hop: *hop };
+        let options = synth::Options { side, skip, hop, ensemble };
         let synthesizer = match self.synthesizer.take() {
             Some(synthesizer) => synthesizer,
             None => Synthesizer::with(&model, recording.calibration(), [height, width], &backend, options)?,

@@ -610,6 +610,7 @@ mod tests {
             skip: Skip::Off,
             side: None,
             hop: None,
+            ensemble: 1,
         }
     }
 
