@@ -20,6 +20,13 @@ fn camera(pattern: &str, noise: Noise) -> Sampler {
     sampler
 }
 
+/// A camera with so little noise that it hides nothing, and that says so.
+fn quiet_camera() -> Sampler {
+    let mut sampler = camera("mpve-1-4", Noise { full_well_e: 1e7, read_noise_e: 1.0 });
+    sampler.bit_depth = 16;
+    sampler
+}
+
 /// Irradiance of a static texture.
 fn texture(y: usize, x: usize) -> f32 {
     0.15 * (0.9 * ((x as f32 * 0.31).sin() + (y as f32 * 0.23).cos())).exp()
@@ -118,6 +125,27 @@ fn a_scene_that_moves_is_computed() {
     }
 }
 
+/// Behind a window that moves everywhere the next one is computed without a question, so not for longer than that.
+#[test]
+fn a_scene_that_stops_is_kept_again() {
+    let stopping = scene([480, 24, 40], |t, y, x, _| texture(y, x + t.min(240)));
+    let capture = quiet_camera().sample(&stopping).unwrap();
+    let model = Model::load("tiny").unwrap();
+    let (off, _) = run(&model, &capture, Options::default());
+    let (kept, _) = run(&model, &capture, skip(Skip::Bounded(0.002)));
+    let share = |frame: &ResultFrame| {
+        let (active, slab) = frame.computed.as_ref().unwrap();
+        let cells = active.slab(*slab);
+        cells.iter().filter(|cell| **cell).count() as f64 / cells.len() as f64
+    };
+    assert!(kept[..240].iter().all(|frame| share(frame) == 1.0));
+    assert!(kept[360..].iter().all(|frame| share(frame) == 0.0));
+    assert!(off[..240].iter().zip(&kept).all(|(off, kept)| off.values == kept.values));
+    let apart = |(a, b): (&f32, &f32)| (tone(f64::from(*a)) - tone(f64::from(*b))).abs();
+    let largest = off[479].values.iter().zip(&kept[479].values).map(apart).fold(0.0, f64::max);
+    assert!(largest < 0.002, "{largest}");
+}
+
 /// Noise wakes hardly any cell, whether the capture says how large it is or not.
 #[test]
 fn noise_alone_wakes_nothing() {
@@ -162,10 +190,7 @@ fn small_changes_are_not_averaged_away() {
 fn slow_drift_stays_within_the_allowed_error() {
     // Dark enough for no read-out to saturate: where one begins to, the net's result jumps.
     let brightening = scene([800, 24, 32], |t, _, _, p| 0.25 * p * 1.001f32.powf(t as f32 / 40.0));
-    let quiet = Noise { full_well_e: 1e7, read_noise_e: 1.0 };
-    let mut sampler = camera("mpve-1-4", quiet);
-    sampler.bit_depth = 16;
-    let capture = sampler.sample(&brightening).unwrap();
+    let capture = quiet_camera().sample(&brightening).unwrap();
     let model = Model::load("fast").unwrap();
     let (off, _) = run(&model, &capture, Options::default());
     for allowed in [0.0005, 0.001] {

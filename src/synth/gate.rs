@@ -8,7 +8,8 @@
 //!
 //! **Bounded.** A cell keeps its last result if what it depends on differs from what that was computed from by no more
 //! than noise explains or the user allows ([`super::memory`]). Every [`RENEWAL`] frames everything is computed anew,
-//! so that a run can begin there as well as at the first frame; how far results had moved away is reported.
+//! so that a run can begin there as well as at the first frame; how far results had moved away is reported. Behind a
+//! window in which everything had to be computed, the next one is, too, without a question.
 
 use std::ops::Range;
 
@@ -96,6 +97,8 @@ pub struct Gate<'a> {
     recording: &'a Recording,
     /// The first window of the run.
     from: i64,
+    /// Whether the window before was asked about, and all of it had to be computed.
+    moves_everywhere: bool,
 }
 
 /// What of a window to compute.
@@ -118,7 +121,18 @@ impl<'a> Gate<'a> {
         let memory = Memory::new(cells, calibration, recording, matches!(skip, Skip::Bounded(_)));
         let stated = Scatter::stated(recording);
         let noticed = calibration.period;
-        let mut gate = Self { cells, skip, window, spread, stated, noticed, memory, recording, from: 0 };
+        let mut gate = Self {
+            cells,
+            skip,
+            window,
+            spread,
+            stated,
+            noticed,
+            memory,
+            recording,
+            from: 0,
+            moves_everywhere: false,
+        };
         gate.from = gate.window_before(number);
         gate
     }
@@ -192,13 +206,19 @@ impl<'a> Gate<'a> {
             }
             Skip::Bounded(allowed) => {
                 let renewed = first || k.rem_euclid(self.renewal()) < self.turns();
+                let moved_everywhere = std::mem::take(&mut self.moves_everywhere);
                 if !renewed && self.memory.knows_noise() {
+                    if moved_everywhere {
+                        self.remember_whole(k, seen);
+                        return Choice { active: whole(), audit: None };
+                    }
                     let mut active = Active::filled(self.cells.extent(), false);
                     for s in 0..self.cells.slabs {
                         let changed = self.changed(k, s, seen, allowed);
                         self.memory.remember(seen, &self.slab(k, s), &changed);
                         active.slab_mut(s).copy_from_slice(&changed);
                     }
+                    self.moves_everywhere = active.count() == active.cells.len();
                     return Choice { active: Some(active), audit: None };
                 }
                 let audit = (!first && self.memory.knows_noise())
@@ -208,12 +228,18 @@ impl<'a> Gate<'a> {
                     Scatter::estimated(&pairs, self.cells, self.memory.readouts(), self.recording)
                 });
                 self.memory.set_scatter(scatter);
-                let all = vec![true; self.cells.rows() * self.cells.cols()];
-                for s in 0..self.cells.slabs {
-                    self.memory.remember(seen, &self.slab(k, s), &all);
-                }
+                self.remember_whole(k, seen);
                 Choice { active: whole(), audit }
             }
+        }
+    }
+
+    /// Remembers window `k`, all of which is computed: its last slabs, which everything behind is compared with.
+    fn remember_whole(&mut self, k: i64, seen: &Seen<'_>) {
+        let all = vec![true; self.cells.rows() * self.cells.cols()];
+        let last = self.cells.repeat / self.cells.size[0];
+        for s in self.cells.slabs.saturating_sub(last)..self.cells.slabs {
+            self.memory.remember(seen, &self.slab(k, s), &all);
         }
     }
 
