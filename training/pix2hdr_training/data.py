@@ -35,6 +35,23 @@ class Batch:
         return Batch(self.measurement.to(device), self.exposure.to(device), self.truth.to(device))
 
 
+@dataclass(frozen=True)
+class View:
+    """What a camera's pattern looks the same in: t, y and x may run backwards, from `shift` − 1 on, or forwards from `shift`."""
+
+    backwards: tuple[bool, bool, bool] = (False, False, False)
+    shift: tuple[int, int, int] = (0, 0, 0)
+
+    def keeps_time(self, schedule: int, frames: int, period: int) -> bool:
+        """Whether a window of `frames` from a schedule time on lies in the view where it lies in the recording."""
+        first = self.shift[0] - schedule - frames if self.backwards[0] else schedule - self.shift[0]
+        return (first - schedule) % period == 0
+
+    def turn(self, video: np.ndarray) -> np.ndarray:
+        """A video [t, y, x] with the axes backwards that are so in the view."""
+        return np.ascontiguousarray(video[tuple(slice(None, None, -1 if axis else 1) for axis in self.backwards)])
+
+
 class Dataset:
     """A folder of cubes: `truth` f16 [n,t,y,x] irradiance, `measurement` u16 [n,t,y,x] counts."""
 
@@ -61,6 +78,8 @@ class Dataset:
             raise DatasetError(f"{path}: {type(error).__name__}: {error}") from error
         if not np.isclose(saturation, self.inverse.saturation, rtol=1e-6):
             raise DatasetError(f"{path}: `saturation` is not the last entry of `inverse_response`")
+        # Views in which the pattern looks as before (`View`); data sets of older versions name none.
+        self.views = [View(**view) for view in meta.get("symmetries", [])] or [View()]
         self.meta = meta
         self.digest = hashlib.sha256(text).hexdigest()
         self.shards = []
@@ -142,7 +161,8 @@ def miscalibrated(rng, measurement: np.ndarray, exposure: np.ndarray) -> np.ndar
 class Crops:
     """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
 
-    A share `ends` of the crops lies at the beginning or end of a recording, a share `off` is `miscalibrated`.
+    Each is seen in one of the views in which the camera's pattern looks the same. A share `ends` of the crops lies at the
+    beginning or end of a recording, a share `off` is `miscalibrated`.
     """
 
     def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.5, off: float = 0.3):
@@ -162,6 +182,25 @@ class Crops:
         self.exposures = {s: dataset.exposure(self.window, s, crop, crop) for s in self.starts}
         still = all(np.array_equal(e, self.exposures[self.starts[0]]) for e in self.exposures.values())
         self.one_exposure = len(phases) == 1 or still
+        self.views = {s: self._views(dataset.schedule_start + s) for s in self.starts}
+
+    def _views(self, schedule: int) -> list[View]:
+        """The views that a window from a schedule time on can be shown in, and its result with it."""
+        frames, lead, hop = self.window["frames"], self.window["lead"], self.window["hop"]
+        table = self.dataset.table
+        # A view begins up to a tile later.
+        small = self.crop + max(table.tile) > min(self.dataset.height, self.dataset.width)
+
+        def fits(view: View) -> bool:
+            moved = any(view.shift[1:]) and small
+            return not moved and view.keeps_time(schedule, frames, table.period) and (frames - hop == 2 * lead or not view.backwards[0])
+
+        return [view for view in self.dataset.views if fits(view)]
+
+    def _corner(self, rng, axis: int, size: int, step: int, view: View) -> int:
+        """Where a crop begins along y or x, so that the view of it begins where a tile does."""
+        shift = view.shift[axis] % self.dataset.table.tile[axis - 1]
+        return step * int(rng.integers((size - self.crop - shift) // step + 1)) + shift
 
     def __call__(self, step: int) -> Batch:
         rng = np.random.default_rng([self.seed, step])
@@ -170,9 +209,10 @@ class Crops:
         for _ in range(self.batch):
             cube = int(rng.integers(len(data)))
             start = self.starts[int(rng.integers(len(self.starts)))]
-            y0 = self.step_y * int(rng.integers((data.height - crop) // self.step_y + 1))
-            x0 = self.step_x * int(rng.integers((data.width - crop) // self.step_x + 1))
-            measurement, truth = data.read(cube, self.window, start, y0, x0, crop, crop)
+            view = self.views[start][int(rng.integers(len(self.views[start])))]
+            y0 = self._corner(rng, 1, data.height, self.step_y, view)
+            x0 = self._corner(rng, 2, data.width, self.step_x, view)
+            measurement, truth = map(view.turn, data.read(cube, self.window, start, y0, x0, crop, crop))
             if rng.random() < self.off:
                 measurement = miscalibrated(rng, measurement, self.exposures[start])
             pairs.append((self._end(rng, measurement), truth))

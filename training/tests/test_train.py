@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from fake_data import make_dataset
 from pix2hdr_training import presets
 from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
@@ -47,6 +48,42 @@ def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
     long = a.exposure[0, 0] == 8
     for frames in (slice(3, 11), slice(11, 19)):
         assert torch.all(a.measurement[:, frames][:, :, long] == a.measurement[:, frames][:, :1, long])
+
+
+def test_crops_show_the_pattern_in_all_its_views(tmp_path):
+    # Pixels say which cell they are and how far from the middle of a read-out; both are the same in every view.
+    kinds = ((2, 1), (4, 2), (8, 0), (8, 4))
+    frames, size, start = 40, 32, 4
+    t, y, x = np.meshgrid(start + np.arange(frames), np.arange(size), np.arange(size), indexing="ij")
+    cell = (x + 2 * y) % 4
+    exposure, phase = (np.asarray([kind[i] for kind in kinds])[cell] for i in (0, 1))
+    inside = (t - phase) % exposure
+    counts = 16 * cell + np.minimum(inside, exposure - 1 - inside)
+    folder = make_dataset(tmp_path / "views", cubes=2, frames=frames, size=size, start=start)
+    for shard in range(2):
+        np.save(folder / f"measurement-{shard:03}.npy", counts[None].astype(np.uint16))
+        np.save(folder / f"truth-{shard:03}.npy", (counts[None] + 100 * (t - start) / frames).astype(np.float16))
+    meta = json.loads((folder / "dataset.json").read_text())
+    # Of mpve-1-4: as it is, upside down, a row further down and two columns to the right; each backwards in time, too.
+    views = [((back, flip, False), (0, int(flip) ^ int(move), 2 * move)) for back in (False, True) for flip in (False, True) for move in (0, 1)]
+    meta["symmetries"] = [{"backwards": backwards, "shift": shift} for backwards, shift in views]
+    (folder / "dataset.json").write_text(json.dumps(meta))
+    data = Dataset(folder)
+    crops = Crops(data, SMALL["fast"], 8, 16, 3, ends=0.0, off=0.0)
+    assert all(len(views) == 8 for views in crops.views.values())
+    rising = set()
+    for step in range(4):
+        batch = crops(step)
+        seen = np.rint(batch.measurement.numpy() * data.white)
+        first = np.concatenate([counts[s : s + 30, :16, :16][None] for s in crops.starts])
+        lead = SMALL["fast"]["window"]["lead"]
+        for one, truth in zip(seen, batch.truth.numpy(), strict=True):
+            assert any(np.array_equal(one, wanted) for wanted in first)
+            # The truth is turned with it, and time may run either way.
+            time = truth - one[lead : lead + 8]
+            assert np.ptp(time[0]) < 0.5
+            rising.add(bool(time[-1, 0, 0] > time[0, 0, 0]))
+    assert rising == {True, False}
 
 
 def test_ends_of_recordings_keep_the_phase():
