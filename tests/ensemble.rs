@@ -1,9 +1,9 @@
 //! Self-ensemble: means over views in which the pattern looks the same.
 
 use pix2hdr::Result;
-use pix2hdr::network::{Model, Precision};
+use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Noise, Pattern, Sampler, Symmetry};
-use pix2hdr::synth::{Backend, Options, Request, Skip, Synthesizer};
+use pix2hdr::synth::{self, Backend, Options, Request, Skip, Synthesizer};
 use pix2hdr::video::{Video, tone};
 
 const SIZE: [usize; 3] = [40, 80, 80];
@@ -17,7 +17,7 @@ fn model() -> Model {
 /// Bars that move past a texture.
 fn capture(pattern: &str, noise: Noise) -> Capture {
     let mut sampler = Sampler::new(Pattern::built_in(pattern).unwrap(), Form::Linear).unwrap();
-    (sampler.noise, sampler.schedule_start) = (noise, 5);
+    (sampler.noise, sampler.schedule_start) = (noise, 6);
     let [frames, height, width] = SIZE;
     let pixel = |i: usize| {
         let (t, y, x) = (i / (height * width), i / width % height, i % width);
@@ -46,10 +46,11 @@ fn ensemble(ensemble: usize) -> Options {
 /// Where a view's frame or row or column lies in the recording; it may be outside. The recording of a view has the same
 /// size, and begins as near to the recording's first or last place as the pattern lets it.
 fn place(view: Symmetry, axis: usize, at: usize, capture: &Capture) -> usize {
+    let Capture { info, pattern, frames, height, width, .. } = capture;
     let (start, size, repeat) = match axis {
-        0 => (capture.info.schedule_start, capture.frames, 8),
-        1 => (0, capture.height, 2),
-        _ => (0, capture.width, 4),
+        0 => (info.schedule_start, *frames, pattern.period() as i64),
+        1 => (0, *height, pattern.rows as i64),
+        _ => (0, *width, pattern.cols as i64),
     };
     let place = view.place(axis, start + at as i64) - start;
     let first = view.place(axis, start) - start;
@@ -107,9 +108,16 @@ fn a_view_of_a_recording_is_a_recording() {
 
 #[test]
 fn an_ensemble_is_the_mean_over_views() {
-    let capture = capture("mpve-1-4", Noise::default());
+    is_the_mean_over_views("mpve-1-4");
+    // Its exposures change with time, so the schedule of a view matters.
+    is_the_mean_over_views("interleaved");
+}
+
+fn is_the_mean_over_views(pattern: &str) {
+    let capture = capture(pattern, Noise::default());
     let (off, two) = (on_cpu(&capture, ensemble(0)), on_cpu(&capture, ensemble(2)));
-    let view = views("mpve-1-4")[1];
+    let view = views(pattern)[1];
+    assert!(view.backwards[0]);
     let mut other = on_cpu(&seen(&capture, view), ensemble(1));
     // The mean of l, put where the view shows it.
     for t in 0..SIZE[0] {
@@ -156,4 +164,9 @@ fn more_views_than_there_are_is_an_error() {
     let message = refused("mpve-1-4", 9);
     assert!(message.contains("9 views") && message.contains('8') && !message.contains('\n'), "{message}");
     assert!(refused("coded", 2).contains("1 only"));
+    // A net that goes through time in steps is not shown other times.
+    let graph = presets::by_name("paper-narrow").unwrap().graph().unwrap();
+    let calibration = capture("mpve-1-4", Noise::NONE).calibration();
+    assert_eq!(synth::views(&graph, &calibration, 4).unwrap().len(), 4);
+    assert!(synth::views(&graph, &calibration, 5).unwrap_err().to_string().contains("4 only"));
 }

@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 15] = [
+const MUTANTS: [Mutant; 19] = [
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",
@@ -105,6 +105,34 @@ const MUTANTS: [Mutant; 15] = [
         sound: ".filter(|(pixel, _)| !is_none(*pixel))",
         faulty: "",
         test: ["lib", "sensor::defects::tests::dead_pixels_are_filled_from_pixels_of_the_same_shutter"],
+    },
+    Mutant {
+        what: "a shutter that runs backwards begins where it began",
+        file: "src/sensor/symmetry.rs",
+        sound: "self.place(0, last)",
+        faulty: "self.place(0, first)",
+        test: ["lib", "sensor::symmetry::tests::mpve_looks_the_same_in_eight_views"],
+    },
+    Mutant {
+        what: "results of a view that runs backwards stay so",
+        file: "src/synth/ensemble.rs",
+        sound: "sums.reverse();",
+        faulty: "",
+        test: ["ensemble", "an_ensemble_is_the_mean_over_views"],
+    },
+    Mutant {
+        what: "a view has the schedule of the recording",
+        file: "src/synth/ensemble.rs",
+        sound: "if backwards { (shift - 1).wrapping_sub(first) }",
+        faulty: "if backwards { schedule }",
+        test: ["ensemble", "an_ensemble_is_the_mean_over_views"],
+    },
+    Mutant {
+        what: "a window behind one that moves everywhere is not remembered",
+        file: "src/synth/gate.rs",
+        sound: "self.remember_whole(k, seen);\n                        return",
+        faulty: "return",
+        test: ["skipping", "a_scene_that_stops_is_kept_again"],
     },
     Mutant {
         what: "an array's declared size is not held against its file",
