@@ -128,7 +128,7 @@ fn a_scene_that_moves_is_computed() {
 /// Behind a window that moves everywhere the next one is computed without a question, so not for longer than that.
 #[test]
 fn a_scene_that_stops_is_kept_again() {
-    let stopping = scene([480, 24, 40], |t, y, x, _| texture(y, x + t.min(240)));
+    let stopping = scene([480, 24, 40], |t, y, x, _| texture(y, x + t.min(200)));
     let capture = quiet_camera().sample(&stopping).unwrap();
     let model = Model::load("tiny").unwrap();
     let (off, _) = run(&model, &capture, Options::default());
@@ -139,7 +139,8 @@ fn a_scene_that_stops_is_kept_again() {
         cells.iter().filter(|cell| **cell).count() as f64 / cells.len() as f64
     };
     assert!(kept[..240].iter().all(|frame| share(frame) == 1.0));
-    assert!(kept[360..].iter().all(|frame| share(frame) == 0.0));
+    // It stopped in a window that was not asked about, and the next one knows what that one saw.
+    assert!(kept[240..].iter().all(|frame| share(frame) == 0.0));
     assert!(off[..240].iter().zip(&kept).all(|(off, kept)| off.values == kept.values));
     let apart = |(a, b): (&f32, &f32)| (tone(f64::from(*a)) - tone(f64::from(*b))).abs();
     let largest = off[479].values.iter().zip(&kept[479].values).map(apart).fold(0.0, f64::max);
