@@ -233,8 +233,10 @@ impl Bench {
             given => given,
         };
         let places: usize = backends.iter().map(|(backend, _)| self.at_precisions(backend).len()).sum();
-        let ways = places * self.skip.len() * self.ensemble.len();
-        let count = nets.len() * self.size.len() * lengths.len() * self.scene.len() * ways;
+        let skips = self.skip.iter().map(|skip| skip.within(self.allowed_error));
+        let ways: Vec<_> =
+            skips.flat_map(|skip| self.ensemble.iter().map(move |&ensemble| (skip, ensemble))).collect();
+        let count = nets.len() * self.size.len() * lengths.len() * self.scene.len() * places * ways.len();
         let bar = terminal::progress(count, "measuring");
         let mut rows = Vec::with_capacity(count);
         let clips = self.size.iter().flat_map(|size| lengths.iter().map(move |frames| (size, *frames)));
@@ -256,12 +258,7 @@ impl Bench {
                     let oracle = Oracle::new(model, &clip, effort.check_flop)?;
                     for &(ref backend, peak) in backends {
                         for backend in &self.at_precisions(backend) {
-                            let ways = self.skip.iter().flat_map(|skip| {
-                                self.ensemble
-                                    .iter()
-                                    .map(|&ensemble| (skip.within(self.allowed_error), ensemble))
-                            });
-                            for (skip, ensemble) in ways {
+                            for &(skip, ensemble) in &ways {
                                 let case = Case {
                                     preset,
                                     model,

@@ -40,7 +40,7 @@ pub struct Engine {
     #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u16).range(1..=512))]
     pub hop: Option<u16>,
     /// Mean of what the net makes of so many views of the recording in which the pattern looks the same, such as upside
-    /// down and backwards in time: as many times the work, for 0.1 to 0.2 dB. The mpve patterns have 8
+    /// down and backwards in time: as many times the work, for 0.2 to 0.3 dB with 8. The mpve patterns have 8
     #[arg(long, default_value_t = 1, value_name = "VIEWS", value_parser = clap::value_parser!(u8).range(1..=64))]
     pub ensemble: u8,
 }

@@ -4,8 +4,8 @@ use serde::Serialize;
 
 use super::pattern::{Cell, Pattern, Shutter};
 
-/// Larger tiles × periods are not searched, which takes time with the square of it.
-const MAX_PLACES: usize = 4096;
+/// Tiles × periods larger than those of the built-in patterns are not searched, which takes time with the square of it.
+const MAX_PLACES: usize = 256;
 
 /// A view in which a pattern looks as before: what it has at (t, y, x) lies where [`Symmetry::place`] says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -23,7 +23,17 @@ impl Symmetry {
     /// Where the view's `at` lies along an axis (t, y, x).
     pub fn place(&self, axis: usize, at: i64) -> i64 {
         let shift = self.shift[axis] as i64;
-        if self.backwards[axis] { shift - 1 - at } else { at + shift }
+        if self.backwards[axis] { (shift - 1).wrapping_sub(at) } else { at.wrapping_add(shift) }
+    }
+
+    /// Where the frames `first` … `first + frames` begin in the view.
+    pub fn beginning(&self, first: i64, frames: usize) -> i64 {
+        if self.backwards[0] {
+            // Places are their own inverse backwards.
+            self.place(0, first.wrapping_add(frames as i64 - 1))
+        } else {
+            first.wrapping_sub(self.shift[0] as i64)
+        }
     }
 
     /// All of `pattern`: [`Symmetry::IDENTITY`], then those that change most, each followed by what it makes of those before
@@ -87,9 +97,7 @@ impl Symmetry {
         let period = cell.period as i64;
         let shutter = |shutter: &Shutter| {
             let Shutter { start, frames, ref open } = *shutter;
-            let (first, last) = (start as i64, (start + frames) as i64 - 1);
-            // Places are their own inverse backwards; else one goes back.
-            let begin = if self.backwards[0] { self.place(0, last) } else { first - self.shift[0] as i64 };
+            let begin = self.beginning(start as i64, frames);
             let open = if self.backwards[0] {
                 open.iter().rev().map(|frame| frames - 1 - frame).collect()
             } else {

@@ -145,10 +145,7 @@ impl Ensemble {
                 seen.iter_mut().zip(cols).for_each(|(seen, col)| *seen = measured[col.index]);
             }
         });
-        // The window's first frame: the one that the view shows last, if it runs backwards.
-        let first = if backwards { schedule.wrapping_add(frames as i64 - 1) } else { schedule };
-        let shift = symmetry.shift[0] as i64;
-        if backwards { (shift - 1).wrapping_sub(first) } else { first.wrapping_sub(shift) }
+        symmetry.beginning(schedule, frames)
     }
 
     /// Adds the next result to the sums.

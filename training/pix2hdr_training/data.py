@@ -37,7 +37,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera's pattern looks the same in: t, y and x may run backwards, from `shift` − 1 on, or forwards from `shift`."""
+    """A view in which the camera's pattern looks the same: t, y and x run forwards from `shift` or backwards from `shift` − 1."""
 
     backwards: tuple[bool, bool, bool] = (False, False, False)
     shift: tuple[int, int, int] = (0, 0, 0)
@@ -74,12 +74,12 @@ class Dataset:
             self.white = float(2 ** meta["bit_depth"] - 1)
             shards = meta["shards"]
             saturation = float(meta["saturation"])
+            # Views in which the pattern looks as before; data sets of older versions name none.
+            self.views = [View(**view) for view in meta.get("symmetries", [])] or [View()]
         except (KeyError, TypeError, ValueError) as error:
             raise DatasetError(f"{path}: {type(error).__name__}: {error}") from error
         if not np.isclose(saturation, self.inverse.saturation, rtol=1e-6):
             raise DatasetError(f"{path}: `saturation` is not the last entry of `inverse_response`")
-        # Views in which the pattern looks as before (`View`); data sets of older versions name none.
-        self.views = [View(**view) for view in meta.get("symmetries", [])] or [View()]
         self.meta = meta
         self.digest = hashlib.sha256(text).hexdigest()
         self.shards = []
@@ -192,8 +192,9 @@ class Crops:
         small = self.crop + max(table.tile) > min(self.dataset.height, self.dataset.width)
 
         def fits(view: View) -> bool:
-            moved = any(view.shift[1:]) and small
-            return not moved and view.keeps_time(schedule, frames, table.period) and (frames - hop == 2 * lead or not view.backwards[0])
+            inside = not (small and any(view.shift[1:]))
+            result = not view.backwards[0] or frames - hop == 2 * lead
+            return inside and result and view.keeps_time(schedule, frames, table.period)
 
         return [view for view in self.dataset.views if fits(view)]
 

@@ -114,6 +114,9 @@ def test_broken_data_sets_are_named(tmp_path, data_folder):
     (tmp_path / "dataset.json").write_text(json.dumps({**meta, "period": 7}))
     with pytest.raises(DatasetError, match="reshape"):
         Dataset(tmp_path)
+    (tmp_path / "dataset.json").write_text(json.dumps({**meta, "symmetries": [{"mirrored": True}]}))
+    with pytest.raises(DatasetError, match="mirrored"):
+        Dataset(tmp_path)
     with pytest.raises(DatasetError, match="granularity"):
         Crops(Dataset(data_folder), SMALL["fast"], 1, 18, 0)
 

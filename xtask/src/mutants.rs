@@ -109,7 +109,7 @@ const MUTANTS: [Mutant; 19] = [
     Mutant {
         what: "a shutter that runs backwards begins where it began",
         file: "src/sensor/symmetry.rs",
-        sound: "self.place(0, last)",
+        sound: "self.place(0, first.wrapping_add(frames as i64 - 1))",
         faulty: "self.place(0, first)",
         test: ["lib", "sensor::symmetry::tests::mpve_looks_the_same_in_eight_views"],
     },
@@ -123,8 +123,8 @@ const MUTANTS: [Mutant; 19] = [
     Mutant {
         what: "a view has the schedule of the recording",
         file: "src/synth/ensemble.rs",
-        sound: "if backwards { (shift - 1).wrapping_sub(first) }",
-        faulty: "if backwards { schedule }",
+        sound: "symmetry.beginning(schedule, frames)",
+        faulty: "schedule",
         test: ["ensemble", "an_ensemble_is_the_mean_over_views"],
     },
     Mutant {
