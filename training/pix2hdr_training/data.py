@@ -150,10 +150,37 @@ def miscalibrated(rng, measurement: np.ndarray, exposure: np.ndarray) -> np.ndar
     """y as a recording has it whose calibration is off: black level by up to 1.2% of white, gain by about 1% for each
     exposure on its own, and half of the times eight bits. Saturated pixels stay so."""
     error = float(np.exp(rng.uniform(np.log(0.001), np.log(0.012)))) * rng.choice((-1.0, 1.0))
-    y = measurement.copy()
-    for e in np.unique(exposure):
-        here = exposure == e
-        y[here] = y[here] * (1.0 + 0.01 * rng.standard_normal()) + error
+    y = measurement * (1.0 + 0.01 * _of_each_exposure(rng, exposure)) + error
+    return _recorded(rng, y, measurement)
+
+
+def with_fixed_pattern(rng, measurement: np.ndarray, exposure: np.ndarray, tile: tuple[int, int]) -> np.ndarray:
+    """y as a recording has it whose pixels differ, a little or much; lossy video leaves such differences too.
+
+    At most, gains differ by about 1% from pixel to pixel, 3% between the positions of the tile, 2% between exposures; the
+    black level is off by 1.2% of white, by about 0.3% in each pixel and 0.6% at each position. Half of the times eight
+    bits. Saturated pixels stay so.
+    """
+    much = rng.random()
+    frame = measurement.shape[1:]
+
+    def of_each_position() -> np.ndarray:
+        repeats = [-(-size // step) for size, step in zip(frame, tile, strict=True)]
+        return np.tile(rng.standard_normal(tile), repeats)[: frame[0], : frame[1]]
+
+    gain = 0.01 * rng.standard_normal(frame) + 0.03 * of_each_position() + 0.02 * _of_each_exposure(rng, exposure)
+    black = 0.012 * rng.choice((-1.0, 1.0)) + 0.003 * rng.standard_normal(frame) + 0.006 * of_each_position()
+    return _recorded(rng, measurement * (1.0 + much * gain) + much * black, measurement)
+
+
+def _of_each_exposure(rng, exposure: np.ndarray) -> np.ndarray:
+    """A standard normal number for each exposure, where it is."""
+    exposures, which = np.unique(exposure, return_inverse=True)
+    return rng.standard_normal(len(exposures))[which].reshape(exposure.shape)
+
+
+def _recorded(rng, y: np.ndarray, measurement: np.ndarray) -> np.ndarray:
+    """Disturbed values as a recording holds them: in range, half of the times in eight bits, saturated where they were."""
     y = np.where(measurement >= 0.999, measurement, np.clip(y, 0.0, 1.0))
     return (np.rint(y * 255.0) / 255.0 if rng.random() < 0.5 else y).astype(np.float32)
 
@@ -162,12 +189,24 @@ class Crops:
     """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
 
     Each is seen in one of the views in which the camera's pattern looks the same. A share `ends` of the crops lies at the
-    beginning or end of a recording, a share `off` is `miscalibrated`.
+    beginning or end of a recording, a share `off` is `miscalibrated` or, if `fixed_pattern`, `with_fixed_pattern`.
     """
 
-    def __init__(self, dataset: Dataset, graph: dict, batch: int, crop: int, seed: int, ends: float = 0.5, off: float = 0.3):
+    def __init__(
+        self,
+        dataset: Dataset,
+        graph: dict,
+        batch: int,
+        crop: int,
+        seed: int,
+        *,
+        ends: float = 0.5,
+        off: float = 0.3,
+        fixed_pattern: bool = False,
+    ):
         self.dataset, self.window = dataset, graph["window"]
-        self.batch, self.crop, self.seed, self.ends, self.off = batch, crop, seed, ends, off
+        self.batch, self.crop, self.seed = batch, crop, seed
+        self.ends, self.off, self.fixed_pattern = ends, off, fixed_pattern
         rows, columns = granularity(graph)
         # Crops must begin where a block and a tile begin.
         self.step_y, self.step_x = lcm(rows, dataset.table.tile[0]), lcm(columns, dataset.table.tile[1])
@@ -215,7 +254,11 @@ class Crops:
             x0 = self._corner(rng, 2, data.width, self.step_x, view)
             measurement, truth = map(view.turn, data.read(cube, self.window, start, y0, x0, crop, crop))
             if rng.random() < self.off:
-                measurement = miscalibrated(rng, measurement, self.exposures[start])
+                exposure = self.exposures[start]
+                if self.fixed_pattern:
+                    measurement = with_fixed_pattern(rng, measurement, exposure, data.table.tile)
+                else:
+                    measurement = miscalibrated(rng, measurement, exposure)
             pairs.append((self._end(rng, measurement), truth))
             starts.append(start)
         exposure = np.stack([self.exposures[s] for s in (starts[:1] if self.one_exposure else starts)])

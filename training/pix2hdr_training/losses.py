@@ -27,6 +27,19 @@ def l1(estimate: Tensor, truth: Tensor) -> Tensor:
     return (estimate - truth).abs().mean()
 
 
+def log_pattern_mse(estimate: Tensor, truth: Tensor, tile: tuple[int, int], floor: float = 1e-8) -> Tensor:
+    """Mean over the batch of log10(mse + floor) of what of the error repeats with the pattern's tile.
+
+    That is the error's mean over time and 4×4 tiles at each position of the tile, less the mean of all positions there.
+    """
+    rows, columns = tile
+    error = (estimate - truth).mean(1)
+    h, w = (size // (4 * step) for size, step in zip(error.shape[1:], tile, strict=True))
+    error = error[:, : 4 * rows * h, : 4 * columns * w].reshape(-1, h, 4, rows, w, 4, columns).mean((2, 5))
+    mse = (error - error.mean((2, 4), keepdim=True)).square().mean((1, 2, 3, 4))
+    return torch.log10(mse + floor).mean()
+
+
 SIMPLE = {"log_mse": log_mse, "charbonnier": charbonnier, "l1": l1}
 
 

@@ -9,10 +9,11 @@ from torch import Tensor, nn
 from .data import Batch
 from .graph import GraphNet
 from .layout import node_map
-from .losses import SIMPLE, PaperLoss, medium_tone
+from .losses import SIMPLE, PaperLoss, log_pattern_mse, medium_tone
 from .tone import inverse_tone, tone
 
 STAGES = ("all", "ldr", "hdr")
+FIXED_PATTERN_WEIGHT = 0.3  # of what of the error repeats with the tile, beside the loss
 
 
 def inverse_node(graph: dict) -> dict | None:
@@ -33,9 +34,14 @@ def ancestors(graph: dict, name: str) -> set[str]:
 
 
 class Objective:
-    """The loss of a stage; call with the net and a batch."""
+    """The loss of a stage; call with the net and a batch.
 
-    def __init__(self, net: GraphNet, stage: str, loss: str, paper: PaperLoss | None = None):
+    With a `tile` (rows, columns), what of the error repeats with it counts once more.
+    """
+
+    def __init__(
+        self, net: GraphNet, stage: str, loss: str, paper: PaperLoss | None = None, tile: tuple[int, int] | None = None
+    ):
         self.stage, self.graph = stage, net.graph
         self.inverse_node = inverse_node(net.graph)
         if stage not in STAGES:
@@ -44,6 +50,9 @@ class Objective:
             raise ValueError(f"stage {stage}: this graph has no inverse_response, so no LDR-net and HDR-net")
         if (loss == "paper") != (paper is not None):
             raise ValueError("the paper's loss needs its parts, the others have none")
+        if tile is not None and (stage == "ldr" or paper is not None):
+            raise ValueError("fixed patterns are judged by log irradiance, which this stage or loss does not use")
+        self.tile = tile
         self.loss = paper if paper is not None else SIMPLE[loss]
         self.medium = None
         if paper is not None:
@@ -79,6 +88,8 @@ class Objective:
             )
         value = net(batch.measurement, batch.exposure, toned=True).float()[:, 0]
         if self.medium is None:
-            return self.loss(value, tone(batch.truth))
+            truth = tone(batch.truth)
+            loss = self.loss(value, truth)
+            return loss if self.tile is None else loss + FIXED_PATTERN_WEIGHT * log_pattern_mse(value, truth, self.tile)
         irradiance = inverse_tone(value).clamp(min=0.0)
         return self.loss(medium_tone(irradiance, self.medium), medium_tone(batch.truth, self.medium))

@@ -27,7 +27,8 @@ from .widen import widened
 
 CHECKPOINT = "pix2hdr-checkpoint/1"
 WARM_UP = 0.02  # share of the run in which the learning rate rises
-SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes")
+SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern")
+FIXED_PATTERN_SHARE = 0.5  # of the crops, with --fixed-pattern
 
 
 def learning_rate(progress: float, base: float) -> float:
@@ -156,6 +157,8 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--lr", type=float, default=2e-3)
     parser.add_argument("--loss", choices=[*SIMPLE, "paper"], default="log_mse")
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
+    parser.add_argument("--fixed-pattern", action="store_true",
+                        help="train against fixed patterns: in half of the crops, and once more in the loss")
     parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: the same layers, as wide or narrower")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
@@ -201,9 +204,10 @@ class Run:
                 net.load_state_dict(widened(state, net, args.seed))
             except ValueError as error:
                 raise ValueError(f"{args.init}: {error}") from error
-        objective = Objective(net, args.stage, args.loss, paper)
+        objective = Objective(net, args.stage, args.loss, paper, self.data.table.tile if args.fixed_pattern else None)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
-        self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed)
+        disturbed = {"fixed_pattern": True, "off": FIXED_PATTERN_SHARE} if args.fixed_pattern else {}
+        self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed, **disturbed)
         self.elapsed = 0.0  # seconds of training, over all resumptions
         self.scores: dict | None = None
         self.checkpoint_path = args.out / "checkpoint.pt"
@@ -273,6 +277,7 @@ class Run:
             "crop": args.crop,
             "lr": args.lr,
             "loss": args.loss,
+            "fixed_pattern": args.fixed_pattern,
             "stage": args.stage,
             "hardware": hardware(args.device, args.threads),
             "torch": torch.__version__,

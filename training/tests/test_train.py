@@ -9,10 +9,10 @@ import pytest
 import torch
 from fake_data import make_dataset
 from pix2hdr_training import presets
-from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated
+from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated, with_fixed_pattern
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
 from pix2hdr_training.graph import GraphNet
-from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, mean_ssim
+from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
 from pix2hdr_training.objective import Objective
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
 from pix2hdr_training.validate import validate
@@ -104,6 +104,36 @@ def test_miscalibration_is_small_and_keeps_saturation():
     assert all(0 < np.abs(c - y).max() < 0.08 for c in changed)
 
 
+def test_fixed_patterns_last_and_repeat_with_the_tile():
+    rng = np.random.default_rng(0)
+    y = np.full((4, 32, 64), 0.4, np.float32)
+    y[:, :2] = 1.0
+    exposure = np.broadcast_to(np.tile([[2.0, 4.0, 8.0, 8.0], [8.0, 8.0, 2.0, 4.0]], (16, 16)), y.shape)
+    changed = [with_fixed_pattern(rng, y, exposure, (2, 4)) for _ in range(20)]
+    for c in changed:
+        assert np.all(c[:, :2] == 1.0) and c.min() >= 0 and c.max() <= 1 and c.dtype == np.float32
+        assert np.array_equal(c[0], c[3])
+    # Positions differ more than the pixels at one position.
+    worst = max(changed, key=lambda c: np.abs(c - y).max())[0, 2:]
+    positions = worst.reshape(15, 2, 16, 4)
+    assert positions.mean((0, 2)).std() > positions.std((0, 2)).mean() > 0
+
+
+def test_the_pattern_loss_sees_only_what_repeats_with_the_tile():
+    torch.manual_seed(0)
+    truth = torch.rand(2, 3, 34, 36)
+    noise = 0.01 * torch.randn(2, 3, 34, 36)
+    grid = torch.zeros(34, 36)
+    grid[::2, ::4] = 0.01
+    floor = log_pattern_mse(truth, truth, (2, 4))
+    # A level that is off is no pattern; noise hardly is one: its mean over 3 frames and 16 tiles has a 48th of its power.
+    assert torch.allclose(log_pattern_mse(truth + 0.1, truth, (2, 4)), floor, atol=1e-3)
+    assert log_pattern_mse(truth + noise, truth, (2, 4)) < np.log10(1e-4 / 30)
+    # One of eight positions off by 0.01: mean square (0.01)² · (1/8 − 1/64).
+    seen = log_pattern_mse(truth + grid, truth, (2, 4))
+    assert torch.allclose(seen, torch.tensor(np.log10(1e-4 * 7 / 64 + 1e-8), dtype=seen.dtype), atol=1e-3)
+
+
 def test_broken_data_sets_are_named(tmp_path, data_folder):
     with pytest.raises(DatasetError, match="dataset.json"):
         Dataset(tmp_path)
@@ -190,6 +220,21 @@ def graph_file(tmp_path):
 def run(graph_file, data_folder, out, *more):
     arguments = ["--graph", graph_file, "--data", data_folder, "--out", out, "--batch", 2, "--crop", 16, "--log-seconds", 0]
     return main(list(map(str, [*arguments, *more])))
+
+
+def test_fixed_patterns_are_trained_on_request(graph_file, data_folder, tmp_path, capsys):
+    loss = []
+    for name, more in (("plain", ()), ("against", ("--fixed-pattern",))):
+        assert run(graph_file, data_folder, tmp_path / name, "--steps", 2, *more) == 0
+        state = load_checkpoint(tmp_path / name / "checkpoint.pt")
+        assert json.loads(state["provenance"])["fixed_pattern"] == bool(more)
+        loss.append(float((tmp_path / name / "curve.csv").read_text().splitlines()[1].split(",")[2]))
+    # What repeats with the tile is far less than 1, so its logarithm lowers the loss.
+    assert loss[1] < loss[0]
+    paper = tmp_path / "paper.json"
+    paper.write_text(presets.to_json(SMALL["paper"]))
+    assert run(paper, data_folder, tmp_path / "ldr", "--steps", 1, "--stage", "ldr", "--fixed-pattern") == 1
+    assert "fixed patterns" in capsys.readouterr().err
 
 
 def test_resuming_is_exact_and_weights_are_complete(graph_file, data_folder, tmp_path, monkeypatch):
