@@ -63,9 +63,10 @@ impl Import {
         terminal::result(self.json, &report, || {
             let fitted = fit.as_ref().map_or_else(String::new, |fit| {
                 let [before, after] = fit.difference.map(|difference| 100.0 * difference);
+                let robust = if after > 1.0 { "; `synth --weights robust` takes less of that for texture" } else { "" };
                 format!(
                     "\nresponse and black level fitted: what pixels of different exposure say of the same light \
-                     differs by {after:.1}% instead of {before:.1}% (median of {} pairs)",
+                     differs by {after:.1}% instead of {before:.1}% (median of {} pairs){robust}",
                     fit.pairs
                 )
             });

@@ -35,12 +35,13 @@ macro_rules! preset {
 }
 
 /// All built-in nets, smallest first.
-pub fn all() -> [Preset; 7] {
+pub fn all() -> [Preset; 8] {
     [
         preset!("tiny", "the smallest, for machines without a GPU", "tiny.safetensors"),
         preset!("fast", "predicted kernels, made for run time against error", "fast.safetensors"),
         preset!("fast-1-8", "the same for pattern mpve-1-8", "fast-1-8.safetensors"),
         preset!("fast-1-16", "the same for pattern mpve-1-16", "fast-1-16.safetensors"),
+        preset!("robust", "fast for recordings whose pixels differ: fewer dots", "robust.safetensors"),
         preset!("large", "fast at twice its width, between fast and paper", "large.safetensors"),
         preset!("paper-narrow", "the paper's LDR-net and HDR-net at half their width"),
         preset!("paper", "the paper's LDR-net and HDR-net"),

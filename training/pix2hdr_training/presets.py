@@ -179,6 +179,7 @@ PRESETS = {
     "fast": lambda: kernel_net(**FAST, name="fast"),
     "fast-1-8": lambda: kernel_net(**FAST, name="fast-1-8", pattern="mpve-1-8", period=16),
     "fast-1-16": lambda: kernel_net(**FAST, name="fast-1-16", pattern="mpve-1-16", period=32),
+    "robust": lambda: kernel_net(**FAST, name="robust"),
     "large": lambda: kernel_net(**{**FAST, "widths": (64, 128, 192)}, name="large"),
     "paper": lambda: paper(),
     "paper-narrow": lambda: paper((16, 32, 64), 12, 16, name="paper-narrow"),
