@@ -2,8 +2,9 @@
 
     python benches/real-recordings/measure.py FOLDER [--pix2hdr target/release/pix2hdr] [--weights fast robust]
 
-FOLDER holds `fan` and `window`, each with capture.npy and capture.json. `pix2hdr` synthesises each as recorded and with
-a fitted response; there is no ground truth. Only NumPy is needed.
+FOLDER holds `fan` and `window`, each with capture.npy, capture.json and paper_output.npy (the authors' 8-bit result, in
+its own tone curve). `pix2hdr` synthesises each as recorded and with a fitted response; there is no ground truth. Only
+NumPy is needed.
 """
 
 import argparse
@@ -119,6 +120,8 @@ def main() -> None:
                 run("synth", capture, "--weights", weights, "--ensemble", views, "--overwrite", "--out", out)
                 results[name, column] = np.load(out)
 
+    authors = {name: np.load(arguments.recordings / name / "paper_output.npy") for name in PARTS}
+
     def table(title: str, rows: list) -> None:
         print(f"\n{title}\n\n| | {' | '.join(columns)} |\n|---|{'--:|' * len(columns)}")
         for label, name, measure in rows:
@@ -131,6 +134,9 @@ def main() -> None:
     others += [(f"`{name}`: change across windows / inside", name, partial(seam, hop=hop)) for name in PARTS]
     others += [(f"`{name}`: share of white pixels", name, lambda video: float((video >= WHITE).mean())) for name in PARTS]
     table("Others", others)
+    print("\nThe authors' output\n\n| | pattern residue | flicker |\n|---|--:|--:|")
+    for label, name, part in parts:
+        print(f"| {label} | {pattern_residue(authors[name], part):.4f} | {flicker(authors[name], part):.4f} |")
 
 
 if __name__ == "__main__":

@@ -189,7 +189,8 @@ class Crops:
     """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
 
     Each is seen in one of the views in which the camera's pattern looks the same. A share `ends` of the crops lies at the
-    beginning or end of a recording, a share `off` is `miscalibrated` or, if `fixed_pattern`, `with_fixed_pattern`.
+    beginning or end of a recording, a share `off` is `miscalibrated` (30% if not said otherwise) or, if `fixed_pattern`,
+    `with_fixed_pattern` (half).
     """
 
     def __init__(
@@ -201,12 +202,13 @@ class Crops:
         seed: int,
         *,
         ends: float = 0.5,
-        off: float = 0.3,
+        off: float | None = None,
         fixed_pattern: bool = False,
     ):
         self.dataset, self.window = dataset, graph["window"]
         self.batch, self.crop, self.seed = batch, crop, seed
-        self.ends, self.off, self.fixed_pattern = ends, off, fixed_pattern
+        self.ends, self.fixed_pattern = ends, fixed_pattern
+        self.off = (0.5 if fixed_pattern else 0.3) if off is None else off
         rows, columns = granularity(graph)
         # Crops must begin where a block and a tile begin.
         self.step_y, self.step_x = lcm(rows, dataset.table.tile[0]), lcm(columns, dataset.table.tile[1])

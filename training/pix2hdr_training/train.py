@@ -28,7 +28,6 @@ from .widen import widened
 CHECKPOINT = "pix2hdr-checkpoint/1"
 WARM_UP = 0.02  # share of the run in which the learning rate rises
 SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern")
-FIXED_PATTERN_SHARE = 0.5  # of the crops, with --fixed-pattern
 
 
 def learning_rate(progress: float, base: float) -> float:
@@ -206,8 +205,7 @@ class Run:
                 raise ValueError(f"{args.init}: {error}") from error
         objective = Objective(net, args.stage, args.loss, paper, self.data.table.tile if args.fixed_pattern else None)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
-        disturbed = {"fixed_pattern": True, "off": FIXED_PATTERN_SHARE} if args.fixed_pattern else {}
-        self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed, **disturbed)
+        self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed, fixed_pattern=args.fixed_pattern)
         self.elapsed = 0.0  # seconds of training, over all resumptions
         self.scores: dict | None = None
         self.checkpoint_path = args.out / "checkpoint.pt"
