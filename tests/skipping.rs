@@ -101,7 +101,7 @@ fn exact_skipping_changes_no_bit() {
 fn nets_with_fixed_windows_skip_exactly_too() {
     let still = scene([48, 16, 16], |_, _, _, p| p);
     let capture = camera("mpve-1-4", Noise::NONE).sample(&still).unwrap();
-    let model = model("paper-narrow");
+    let model = model("paper");
     let (off, _) = run(&model, &capture, Options::default());
     let (exact, report) = run(&model, &capture, skip(Skip::Exact));
     assert!(off.iter().zip(&exact).all(|(off, exact)| off.values == exact.values));
@@ -224,5 +224,5 @@ fn windows_of_another_length_need_a_net_that_gives_the_same() {
         Synthesizer::with(model, capture.calibration(), [16, 16], &backend, options).map(|_| ())
     };
     hop(&model("tiny"), 16).unwrap();
-    assert!(hop(&model("paper-narrow"), 16).unwrap_err().to_string().contains("16"));
+    assert!(hop(&model("paper"), 16).unwrap_err().to_string().contains("16"));
 }

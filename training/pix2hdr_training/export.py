@@ -93,29 +93,41 @@ def read_weights(path) -> tuple[dict, dict[str, np.ndarray], dict]:
     return graph, tensors, metadata
 
 
-def trainable_state(path) -> tuple[dict[str, torch.Tensor], dict]:
+def trainable_state(path, *, fixed_norms: bool = False) -> tuple[dict[str, torch.Tensor], dict]:
     """State of a `GraphNet` to train on from a weights file, and the file's provenance.
 
-    ValueError for nets with batch norm: the file holds its scale and shift, not the statistics that training goes on with.
+    ValueError for nets with batch norm, unless their norms are fixed: the file holds scale and shift, not the statistics
+    that training would go on with.
     """
-    _, tensors, metadata = read_weights(path)
-    if any(name.endswith(".scale") for name in tensors):
-        raise ValueError("a weights file says too little of batch norm to train on; start from the run's checkpoint")
-    state = {f"layers.{name}": torch.from_numpy(value).float() for name, value in tensors.items()}
-    return state, json.loads(metadata.get("provenance", "{}"))
+    graph, tensors, metadata = read_weights(path)
+    if not fixed_norms and any(name.endswith(".scale") for name in tensors):
+        raise ValueError("a weights file says too little of batch norm to train on; --small-batches, or the run's checkpoint")
+    net = GraphNet(graph, InverseResponse.of_linear(1.0))  # its response is no part of the state
+    _put(net, tensors)
+    return net.state_dict(), json.loads(metadata.get("provenance", "{}"))
 
 
 def net_from_weights(path, inverse: InverseResponse) -> GraphNet:
     """The net of a weights file, in eval mode; meant for running it, not for training on."""
     graph, tensors, _ = read_weights(path)
     net = GraphNet(graph, inverse)
-    with torch.no_grad():
-        for name, layer in net.layers.items():
-            layer.weight.copy_(torch.from_numpy(tensors[f"{name}.weight"]))
-            layer.bias.copy_(torch.from_numpy(tensors[f"{name}.bias"]))
-            if layer.norm is not None:
-                # Mean 0, variance 1, ε 0: the norm is exactly v·scale + shift.
-                layer.norm.eps = 0.0
-                layer.norm.weight.copy_(torch.from_numpy(tensors[f"{name}.scale"]))
-                layer.norm.bias.copy_(torch.from_numpy(tensors[f"{name}.shift"]))
+    _put(net, tensors)
+    for layer in net.layers.values():
+        if layer.norm is not None:
+            # Mean 0, variance 1, ε 0: the norm is exactly v·scale + shift.
+            layer.norm.eps = 0.0
+            layer.norm.running_var.fill_(1.0)
     return net.eval()
+
+
+@torch.no_grad()
+def _put(net: GraphNet, tensors: dict[str, np.ndarray]) -> None:
+    """A weights file's tensors in a net of its graph; norms with mean 0 and variance + ε = 1 are v·scale + shift."""
+    for name, layer in net.layers.items():
+        layer.weight.copy_(torch.from_numpy(tensors[f"{name}.weight"]))
+        layer.bias.copy_(torch.from_numpy(tensors[f"{name}.bias"]))
+        if layer.norm is not None:
+            layer.norm.running_var.fill_(1.0 - layer.norm.eps)
+            layer.norm.weight.copy_(torch.from_numpy(tensors[f"{name}.scale"]))
+            layer.norm.bias.copy_(torch.from_numpy(tensors[f"{name}.shift"]))
+

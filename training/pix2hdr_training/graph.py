@@ -97,17 +97,18 @@ class Convolution(nn.Module):
         self.weight = nn.Parameter(torch.empty(*ends, *self.kernel))
         self.bias = nn.Parameter(torch.zeros(out))
         self.norm = nn.BatchNorm3d(out) if node.get("norm") else None
+        # A transposed convolution's output sees only kernel/stride of the taps.
+        taps = math.prod(self.kernel) / (math.prod(self.stride) if self.transposed else 1)
+        self.fan_in = in_channels * taps
         self._initialise(in_channels, is_tail, from_logs)
 
     def _initialise(self, in_channels: int, is_tail: bool, from_logs: bool) -> None:
-        # A transposed convolution's output sees only kernel/stride of the taps.
-        taps = math.prod(self.kernel) / (math.prod(self.stride) if self.transposed else 1)
         gain = math.sqrt(2 / (1 + 0.2**2)) if isinstance(self.node["activation"], dict) else 1.0
         if is_tail:
             gain = 0.01  # start as the box filter
         elif self.node.get("add"):
             gain = 0.2  # start near the identity
-        nn.init.normal_(self.weight, std=gain / math.sqrt(in_channels * taps))
+        nn.init.normal_(self.weight, std=gain / math.sqrt(self.fan_in))
         if from_logs and in_channels > 1:
             # Log features are all near 0.8 and differ little: filters that sum to zero see the differences.
             with torch.no_grad():
@@ -118,8 +119,9 @@ class Convolution(nn.Module):
         (kt, ky, kx), (st, sy, sx) = self.kernel, self.stride
         if not self.transposed:
             seen = x.cut(first * st - kt // 2, (end - 1) * st - kt // 2 + kt, total)
-            v = self._by_frame(seen, end - first) if seen.device.type == "cpu" else F.conv3d(
-                seen, self.weight, self.bias, self.stride, (0, ky // 2, kx // 2)
+            by_frame = seen.device.type == "cpu" and not in_tiles(seen)
+            v = self._by_frame(seen, end - first) if by_frame else F.conv3d(
+                seen, self.weight.to(memory_format=torch.channels_last_3d), self.bias, self.stride, (0, ky // 2, kx // 2)
             )
         elif self.kernel == self.stride and kt == 1:
             v = self._shuffled(x.cut(first, end, total))
@@ -135,7 +137,7 @@ class Convolution(nn.Module):
         return v if add is None else v + add
 
     def _by_frame(self, x: Tensor, frames: int) -> Tensor:
-        """The convolution as one of images whose channels are those of all taps in time: far faster on a CPU."""
+        """The convolution as one of images whose channels are those of all taps in time: far faster in f32 on a CPU."""
         kt, ky, kx = self.kernel
         st = self.stride[0]
         x = x.transpose(1, 2)  # [N, T, C, H, W], with the channels last in memory
@@ -151,6 +153,11 @@ class Convolution(nn.Module):
         n, _, t, h, w = x.shape
         v = torch.einsum("ncthw,coyx->nthywxo", x, self.weight.squeeze(2)) + self.bias
         return v.reshape(n, t, h * sy, w * sx, -1).permute(0, 4, 1, 2, 3)
+
+
+def in_tiles(x: Tensor) -> bool:
+    """Whether a CPU computes this in bfloat16 in its matrix unit (AMX), which takes 3D convolutions as they are."""
+    return x.device.type == "cpu" and torch.is_autocast_enabled("cpu") and torch.cpu._is_amx_tile_supported()
 
 
 class Frames:

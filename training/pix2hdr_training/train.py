@@ -22,12 +22,14 @@ from .layout import gflop_per_frame
 from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
+from .start import has_norms, learning_rate_shares, start
 from .validate import validate
 from .widen import widened
 
 CHECKPOINT = "pix2hdr-checkpoint/1"
+NORM_BATCHES = 16  # batches that fixed norms have their statistics of
 WARM_UP = 0.02  # share of the run in which the learning rate rises
-SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern")
+SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern", "small_batches")
 
 
 def learning_rate(progress: float, base: float) -> float:
@@ -45,7 +47,13 @@ class Trainer:
         self.averaged.requires_grad_(False)
         objective.set_mode(net)
         self.parameters = objective.trained_parameters(net)
-        self.optimiser = torch.optim.Adam(self.parameters, lr=1e-3, betas=(0.9, 0.999))
+        # Groups by their share of the learning rate.
+        self.shares = learning_rate_shares(net) if objective.fixed_norms else dict.fromkeys(self.parameters, 1.0)
+        groups = [
+            {"params": [p for p in self.parameters if self.shares[p] == share], "share": share}
+            for share in sorted({self.shares[p] for p in self.parameters})
+        ]
+        self.optimiser = torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.999))
         self.ema, self.clip, self.bf16 = ema, clip, bf16
         self.steps = 0
         self.skipped = 0
@@ -53,7 +61,7 @@ class Trainer:
     def step(self, batch: Batch, lr: float) -> float:
         """One update; returns the loss before it. A step whose gradient is not finite changes nothing."""
         for group in self.optimiser.param_groups:
-            group["lr"] = lr
+            group["lr"] = lr * group["share"]
         self.objective.set_mode(self.net)
         device = batch.measurement.device.type
         cast = torch.autocast(device, torch.bfloat16) if self.bf16 else contextlib.nullcontext()
@@ -108,10 +116,10 @@ def load_checkpoint(path) -> dict:
     return state
 
 
-def starting_state(path: Path) -> tuple[dict, dict]:
+def starting_state(path: Path, fixed_norms: bool) -> tuple[dict, dict]:
     """Averaged weights to start from, and where they come from, of a checkpoint or a weights file."""
     if path.suffix == ".safetensors":
-        return trainable_state(path)
+        return trainable_state(path, fixed_norms=fixed_norms)
     state = load_checkpoint(path)
     return state["ema"], json.loads(state["provenance"])
 
@@ -158,6 +166,9 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
     parser.add_argument("--fixed-pattern", action="store_true",
                         help="train against fixed patterns: in half of the crops, and once more in the loss")
+    parser.add_argument("--small-batches", action="store_true",
+                        help="for nets with batch norm where a batch is a few crops: norms keep the statistics of the first"
+                             " batches, LDR-net starts as the box filter, large layers learn more slowly")
     parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: the same layers, as wide or narrower")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
@@ -199,21 +210,28 @@ class Run:
             paper = PaperLoss(Vgg(args.vgg).to(args.device), args.perceptual_weight, args.perceptual_frames)
         if args.init:
             try:
-                state, self.start = starting_state(args.init)
+                state, self.start = starting_state(args.init, args.small_batches)
                 net.load_state_dict(widened(state, net, args.seed))
             except ValueError as error:
                 raise ValueError(f"{args.init}: {error}") from error
-        objective = Objective(net, args.stage, args.loss, paper, self.data.table.tile if args.fixed_pattern else None)
-        self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
         self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed, fixed_pattern=args.fixed_pattern)
         self.elapsed = 0.0  # seconds of training, over all resumptions
         self.scores: dict | None = None
         self.checkpoint_path = args.out / "checkpoint.pt"
         args.out.mkdir(parents=True, exist_ok=True)
-        if args.resume and self.checkpoint_path.exists():
-            self._resume()
-        elif self.checkpoint_path.exists():
+        resume = args.resume and self.checkpoint_path.exists()
+        if self.checkpoint_path.exists() and not resume:
             raise ValueError(f"{self.checkpoint_path} exists: --resume, or another --out")
+        if args.small_batches:
+            if not has_norms(net):
+                raise ValueError("--small-batches: this graph has no norms")
+            if not (resume or args.init):
+                start(net, [self.crops(i).to(args.device) for i in range(NORM_BATCHES)])
+        tile = self.data.table.tile if args.fixed_pattern else None
+        objective = Objective(net, args.stage, args.loss, paper, tile, fixed_norms=args.small_batches)
+        self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
+        if resume:
+            self._resume()
         self.curve = Curve(args.out, keep_until=self.trainer.steps)
 
     def _settings(self) -> dict:
@@ -276,6 +294,7 @@ class Run:
             "lr": args.lr,
             "loss": args.loss,
             "fixed_pattern": args.fixed_pattern,
+            "small_batches": args.small_batches,
             "stage": args.stage,
             "hardware": hardware(args.device, args.threads),
             "torch": torch.__version__,

@@ -11,15 +11,20 @@ from fake_data import make_dataset
 from pix2hdr_training import presets
 from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated, with_fixed_pattern
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
-from pix2hdr_training.graph import GraphNet
+from pix2hdr_training.graph import GraphNet, box_estimate
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
 from pix2hdr_training.objective import Objective
+from pix2hdr_training.start import learning_rate_shares, start
+from pix2hdr_training.tone import inverse_tone, tone
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
 from pix2hdr_training.validate import validate
 from pix2hdr_training.widen import widened
 from test_export import load_script
 
 SMALL = {"fast": presets.kernel_net((8, 12), (1, 2), name="small", hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
+
+
+NARROW = presets.paper(**{**presets.NARROW, "widths": (4, 4, 8), "hdr_width": 4, "window": (8, 2, 4)}, residual_blocks=1)
 
 
 def fake_vgg(folder):
@@ -327,6 +332,60 @@ def test_a_run_starts_from_a_weights_file(graph_file, data_folder, tmp_path):
     (_, before, _), (_, after, metadata) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
     assert all(np.array_equal(before[name], after[name]) for name in before)
     assert json.loads(metadata["provenance"])["start"]["steps"] == 3
+
+
+def test_with_small_batches_ldr_net_starts_as_the_box_filter(data_folder):
+    data = Dataset(data_folder)
+    torch.manual_seed(0)
+    net, plain = GraphNet(NARROW, data.inverse), GraphNet(NARROW, data.inverse).eval()
+    crops = Crops(data, NARROW, 4, 16, 0, ends=0.0, off=0.0)
+    start(net, [crops(i) for i in range(4)])
+    batch = crops(9)
+    box = box_estimate(batch.measurement, batch.exposure, data.inverse)[:, 2:6]
+    wanted = torch.stack([torch.log(inverse_tone(tone(box)) * e / data.inverse.saturation) for e in (2, 4, 8)], 1)
+
+    def distance(some: GraphNet) -> float:
+        with torch.no_grad():
+            logits = torch.logit(some(batch.measurement, batch.exposure, until="ldr"), eps=1e-6)
+        return float((logits[:, :, 2:6] if logits.shape[2] > 4 else logits).sub(wanted).square().mean().sqrt())
+
+    assert distance(net) < 0.35 < 1.5 < distance(plain)
+
+
+def test_with_small_batches_norms_stay_and_large_layers_learn_slowly(data_folder):
+    data = Dataset(data_folder)
+    net = GraphNet(NARROW, data.inverse)
+    crops = Crops(data, NARROW, 2, 16, 0)
+    start(net, [crops(0)])
+    before = {name: value.clone() for name, value in net.state_dict().items()}
+    trainer = Trainer(net, Objective(net, "all", "log_mse", fixed_norms=True))
+    for step in range(3):
+        trainer.step(crops(step), 1e-3)
+    after = net.state_dict()
+    assert all(torch.equal(before[name], after[name]) for name in before if "running" in name)
+    # Adam's first steps are the learning rate, so no weight is further than three of its layer's.
+    shares = learning_rate_shares(net)
+    for name, layer in net.layers.items():
+        far = (after[f"layers.{name}.weight"] - before[f"layers.{name}.weight"]).abs().max()
+        assert 0 < far <= 3.01e-3 * shares[layer.weight], name
+    assert shares[net.layers["encoder3b"].weight] == 64 / 216
+
+
+def test_small_batches_go_on_from_a_weights_file(data_folder, tmp_path):
+    graph = tmp_path / "graph.json"
+    graph.write_text(json.dumps(NARROW))
+    assert run(graph, data_folder, tmp_path / "first", "--steps", 3, "--small-batches") == 0
+    weights = tmp_path / "first" / "weights.safetensors"
+    again = ("--steps", 1, "--lr", 0, "--init", weights)
+    assert run(graph, data_folder, tmp_path / "refused", *again) == 1
+    assert run(graph, data_folder, tmp_path / "second", *again, "--small-batches") == 0
+    (_, before, _), (_, after, _) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
+    assert all(np.allclose(before[name], after[name], rtol=1e-5, atol=1e-6) for name in before)
+
+
+def test_small_batches_are_for_nets_with_norms(graph_file, data_folder, tmp_path, capsys):
+    assert run(graph_file, data_folder, tmp_path / "run", "--steps", 1, "--small-batches") == 1
+    assert "norms" in capsys.readouterr().err
 
 
 def test_batch_norm_does_not_start_from_a_weights_file(data_folder, tmp_path):
