@@ -79,7 +79,7 @@ fn every_pattern_and_response() {
     }
 }
 
-/// From start to end against the f64 oracle: the trained net, and the paper's topology with random weights.
+/// From start to end against the f64 oracle: trained nets that predict kernels, and of the paper's topology.
 #[test]
 fn whole_nets_stay_close_to_the_oracle() {
     let camera = default_camera();
