@@ -119,7 +119,7 @@ class Convolution(nn.Module):
         (kt, ky, kx), (st, sy, sx) = self.kernel, self.stride
         if not self.transposed:
             seen = x.cut(first * st - kt // 2, (end - 1) * st - kt // 2 + kt, total)
-            by_frame = seen.device.type == "cpu" and not in_tiles(seen)
+            by_frame = seen.device.type == "cpu" and not has_matrix_unit()
             v = self._by_frame(seen, end - first) if by_frame else F.conv3d(
                 seen, self.weight.to(memory_format=torch.channels_last_3d), self.bias, self.stride, (0, ky // 2, kx // 2)
             )
@@ -155,9 +155,9 @@ class Convolution(nn.Module):
         return v.reshape(n, t, h * sy, w * sx, -1).permute(0, 4, 1, 2, 3)
 
 
-def in_tiles(x: Tensor) -> bool:
-    """Whether a CPU computes this in bfloat16 in its matrix unit (AMX), which takes 3D convolutions as they are."""
-    return x.device.type == "cpu" and torch.is_autocast_enabled("cpu") and torch.cpu._is_amx_tile_supported()
+def has_matrix_unit() -> bool:
+    """Whether the CPU computes in bfloat16 in a matrix unit (AMX), which takes 3D convolutions as they are."""
+    return torch.is_autocast_enabled("cpu") and torch.cpu._is_amx_tile_supported()
 
 
 class Frames:

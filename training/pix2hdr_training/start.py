@@ -37,7 +37,7 @@ def fix_norms(net: GraphNet, batches: list[Batch]) -> None:
     net.eval()
 
 
-def start(net: GraphNet, batches: list[Batch]) -> None:
+def prepare(net: GraphNet, batches: list[Batch]) -> None:
     """Fixes the norms; where LDR-net sees the box filter, all its videos are that to begin with."""
     way = way_of_the_estimate(net)
     if way is None:
@@ -46,18 +46,23 @@ def start(net: GraphNet, batches: list[Batch]) -> None:
     channel, first, up, last = way
     with torch.no_grad():
         first.weight[0] = 0.0
-        first.weight[0, channel, first.kernel[0] // 2, first.kernel[1] // 2, first.kernel[2] // 2] = 1.0
+        first.weight[0, channel, *centre(first)] = 1.0
         up.weight[:, 0] = 0.0
-        up.weight[0, 0, up.kernel[0] // 2, up.kernel[1] // 2, up.kernel[2] // 2] = 1.0
+        up.weight[0, 0, *centre(up)] = 1.0
         last.weight.mul_(0.05)
         fix_norms(net, batches)
         deviation = (first.norm.running_var[0] + first.norm.eps).sqrt()
         # The sigmoid of ln(e·p / x_sat) is the pixel value that exposure e gives, but for its soft end.
         last.weight[:, 0] = 0.0
-        last.weight[:, 0, last.kernel[0] // 2, last.kernel[1] // 2, last.kernel[2] // 2] = LOG_SCALE * deviation
+        last.weight[:, 0, *centre(last)] = LOG_SCALE * deviation
         exposures = torch.tensor(inverse_node(net.graph)["exposures"], dtype=torch.float32)
         last.bias.copy_(LOG_SCALE * first.norm.running_mean[0] - math.log(MU) + (exposures / net.inverse.saturation).log())
     fix_norms(net, batches)
+
+
+def centre(layer: Convolution) -> list[int]:
+    """The middle of a kernel, where it takes the pixel itself."""
+    return [size // 2 for size in layer.kernel]
 
 
 def way_of_the_estimate(net: GraphNet) -> tuple[int, Convolution, Convolution, Convolution] | None:

@@ -22,7 +22,7 @@ from .layout import gflop_per_frame
 from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
-from .start import has_norms, learning_rate_shares, start
+from .start import has_norms, learning_rate_shares, prepare
 from .validate import validate
 from .widen import widened
 
@@ -48,10 +48,10 @@ class Trainer:
         objective.set_mode(net)
         self.parameters = objective.trained_parameters(net)
         # Groups by their share of the learning rate.
-        self.shares = learning_rate_shares(net) if objective.fixed_norms else dict.fromkeys(self.parameters, 1.0)
+        shares = learning_rate_shares(net) if objective.fixed_norms else dict.fromkeys(self.parameters, 1.0)
         groups = [
-            {"params": [p for p in self.parameters if self.shares[p] == share], "share": share}
-            for share in sorted({self.shares[p] for p in self.parameters})
+            {"params": [p for p in self.parameters if shares[p] == share], "share": share}
+            for share in sorted({shares[p] for p in self.parameters})
         ]
         self.optimiser = torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.999))
         self.ema, self.clip, self.bf16 = ema, clip, bf16
@@ -226,7 +226,7 @@ class Run:
             if not has_norms(net):
                 raise ValueError("--small-batches: this graph has no norms")
             if not (resume or args.init):
-                start(net, [self.crops(i).to(args.device) for i in range(NORM_BATCHES)])
+                prepare(net, [self.crops(i).to(args.device) for i in range(NORM_BATCHES)])
         tile = self.data.table.tile if args.fixed_pattern else None
         objective = Objective(net, args.stage, args.loss, paper, tile, fixed_norms=args.small_batches)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)

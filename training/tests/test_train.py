@@ -14,7 +14,7 @@ from pix2hdr_training.export import net_from_weights, read_weights, trainable_st
 from pix2hdr_training.graph import GraphNet, box_estimate
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
 from pix2hdr_training.objective import Objective
-from pix2hdr_training.start import learning_rate_shares, start
+from pix2hdr_training.start import learning_rate_shares, prepare
 from pix2hdr_training.tone import inverse_tone, tone
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
 from pix2hdr_training.validate import validate
@@ -339,7 +339,7 @@ def test_with_small_batches_ldr_net_starts_as_the_box_filter(data_folder):
     torch.manual_seed(0)
     net, plain = GraphNet(NARROW, data.inverse), GraphNet(NARROW, data.inverse).eval()
     crops = Crops(data, NARROW, 4, 16, 0, ends=0.0, off=0.0)
-    start(net, [crops(i) for i in range(4)])
+    prepare(net, [crops(i) for i in range(4)])
     batch = crops(9)
     box = box_estimate(batch.measurement, batch.exposure, data.inverse)[:, 2:6]
     wanted = torch.stack([torch.log(inverse_tone(tone(box)) * e / data.inverse.saturation) for e in (2, 4, 8)], 1)
@@ -356,7 +356,7 @@ def test_with_small_batches_norms_stay_and_large_layers_learn_slowly(data_folder
     data = Dataset(data_folder)
     net = GraphNet(NARROW, data.inverse)
     crops = Crops(data, NARROW, 2, 16, 0)
-    start(net, [crops(0)])
+    prepare(net, [crops(0)])
     before = {name: value.clone() for name, value in net.state_dict().items()}
     trainer = Trainer(net, Objective(net, "all", "log_mse", fixed_norms=True))
     for step in range(3):
