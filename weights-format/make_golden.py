@@ -221,6 +221,7 @@ def net_cases() -> list[Case]:
         (7,), (2,), name="fast_all_features", pattern="mpve-1-8", period=16, hop=4, fold=(2, 2), channels=ALL_CHANNELS
     )
     ldr_hdr = presets.paper((4, 8, 12), 2, 4, name="paper_narrow")
+    on_tiles = presets.paper_on_tiles((8, 4, 4), 1, 4, name="paper_on_tiles", window=(16, 4, 8))
     return [
         Case("net_fast", narrow, 12, 16, gain=0.6),
         Case("net_fast_f16", narrow, 12, 16, half=True, gain=0.6),
@@ -228,6 +229,7 @@ def net_cases() -> list[Case]:
         Case("net_fast_all_features", wide, 10, 14, table=exposure_table("mpve-1-8"), curved=True, gain=0.6),
         Case("net_paper", ldr_hdr, 12, 20),
         Case("net_paper_curved_f16", ldr_hdr, 8, 12, curved=True, half=True),
+        Case("net_paper_on_tiles", on_tiles, 16, 16, curved=True, gain=0.4),
     ]
 
 

@@ -5,7 +5,7 @@ import json
 import queue
 import threading
 from dataclasses import dataclass
-from math import lcm
+from math import gcd, lcm
 from pathlib import Path
 
 import numpy as np
@@ -116,11 +116,10 @@ class Dataset:
         shard, i = self.index[cube]
         return self.shards[shard][2][i]
 
-    def window_starts(self, window: dict) -> list[int]:
-        """First frames of the windows in a cube: the first result frame's schedule time is a multiple of `hop`."""
-        frames, lead, hop = window["frames"], window["lead"], window["hop"]
-        starts = range(self.frames - frames + 1)
-        return [s for s in starts if (self.schedule_start + s + lead) % hop == 0]
+    def window_starts(self, window: dict, step: int | None = None) -> list[int]:
+        """First frames of the windows in a cube: the first result frame's schedule time is a multiple of `step` (`hop`)."""
+        starts = range(self.frames - window["frames"] + 1)
+        return [s for s in starts if (self.schedule_start + s + window["lead"]) % (step or window["hop"]) == 0]
 
     def read(self, cube: int, window: dict, start: int, y0: int, x0: int, height: int, width: int):
         """(y [frames, H, W], p [hop, H, W]) of one window of one crop, float32."""
@@ -216,7 +215,8 @@ class Crops:
             raise DatasetError(f"crop {crop}: must be a multiple of the graph's granularity {rows}×{columns}")
         if crop > min(dataset.height, dataset.width):
             raise DatasetError(f"crop {crop}: the cubes are only {dataset.height}×{dataset.width}")
-        self.starts = dataset.window_starts(self.window)
+        # All places in the pattern's period at which windows begin in a recording.
+        self.starts = dataset.window_starts(self.window, gcd(self.window["hop"], dataset.table.period))
         if not self.starts:
             raise DatasetError(f"{dataset.folder}: cubes of {dataset.frames} frames hold no window of this graph")
         phases = {(dataset.schedule_start + s) % dataset.table.period for s in self.starts}

@@ -7,6 +7,7 @@ from pathlib import Path
 from .layout import gflop_per_frame, granularity, needed_frames, parameter_count
 
 LEAKY = {"leaky_relu": 0.2}
+CUBE = (3, 3, 3)
 
 
 def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none", norm=False, add=None, transpose=False):
@@ -46,10 +47,8 @@ def kernel_net(
     that the net reaches in time, so a result does not depend on where windows begin: `hop` can be as long as memory
     and latency allow.
     """
-    steps = [-period, -period // 2, period // 2, period]
-    near = range(-reach, reach + 1)
-    taps = [[0, dy, dx] for dy in near for dx in near]
-    taps += [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
+    steps = neighbours(period)
+    taps = taps_around(reach, steps)
     half, spatial = (1, 2, 2), (1, 3, 3)
     nodes = [
         {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
@@ -94,6 +93,17 @@ def kernel_net(
     return {**graph, "window": window_around(graph, hop)}
 
 
+def neighbours(period: int) -> list[int]:
+    """Frames of the same pixel half a period and a period before and after."""
+    return [-period, -period // 2, period // 2, period]
+
+
+def taps_around(reach: int, steps: list[int]) -> list[list[int]]:
+    """Offsets (t, y, x) of a kernel: pixels at most `reach` away, the same pixel `steps` and two frames before and after."""
+    near = range(-reach, reach + 1)
+    return [[0, dy, dx] for dy in near for dx in near] + [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
+
+
 def window_around(graph: dict, hop: int) -> dict:
     """The window whose lead is what the net reaches in time."""
     far = 8 * hop
@@ -107,7 +117,6 @@ def paper(
     hdr_width=32,
     *,
     name="paper",
-    channels=("measurement",),
     window=(8, 2, 4),
     exposures=(2, 4, 8),
     weight_floor=1e-3,
@@ -120,76 +129,130 @@ def paper(
     convolution with softplus plus a floor: it is linear behind a linear layer, so it adds nothing but the
     activation that keeps the denominator of eq. 23 positive.
     """
-    c1, c2, c3 = widths
-    k3, k4, two = (3, 3, 3), (4, 4, 4), (2, 2, 2)
-
-    def active(*args, **more):
-        return conv(*args, activation=LEAKY, norm=True, **more)
-
+    n = len(exposures)
     nodes = [
         {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
         {
             "name": "input",
             "op": "features",
             "inputs": ["measurement", "estimate"],
-            "channels": list(channels),
+            "channels": ["measurement"],
             "block": [1, 1, 1],
         },
-        active("encoder1", "input", c1, (7, 7, 7)),
-        active("encoder2a", "encoder1", c2, k3),
-        active("encoder2b", "encoder2a", c2, k3, stride=two),
-        active("encoder3a", "encoder2b", c3, k3),
-        active("encoder3b", "encoder3a", c3, k3, stride=two),
-    ]
-    last = "encoder3b"
-    for i in range(1, residual_blocks + 1):
-        nodes.append(active(f"bottleneck{i}a", last, c3, k3))
-        nodes.append(conv(f"bottleneck{i}b", f"bottleneck{i}a", c3, k3, add=last))
-        last = f"bottleneck{i}b"
-    nodes += [
-        {"name": "skip3", "op": "concat", "inputs": ["encoder3b", last]},
-        conv("decoder1up", "skip3", c2, k4, stride=two, transpose=True),
-        active("decoder1", "decoder1up", c2, k3),
-        {"name": "skip2", "op": "concat", "inputs": ["encoder2b", "decoder1"]},
-        conv("decoder2up", "skip2", c1, k4, stride=two, transpose=True),
-        active("decoder2", "decoder2up", c1, k3),
-        {"name": "skip1", "op": "concat", "inputs": ["encoder1", "decoder2"]},
-        conv("decoder3up", "skip1", c1, k3, transpose=True),
-        conv("ldr", "decoder3up", len(exposures), k3, activation="sigmoid"),
+        active("encoder1", "input", widths[0], (7, 7, 7)),
+        active("encoder2a", "encoder1", widths[1], CUBE),
+        *paper_bottom(widths, residual_blocks, widths[0]),
+        conv("decoder3up", "skip1", widths[0], CUBE, transpose=True),
+        conv("ldr", "decoder3up", n, CUBE, activation="sigmoid"),
         {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": list(exposures)},
-    ]
-    last, n = "irradiance", len(exposures)
-    for i in range(1, 6):
-        skip = last
-        channels = n if i == 5 else hdr_width
-        if i in (1, 5):
-            skip = f"hdr{i}skip"
-            nodes.append(conv(skip, last, channels, (1, 1, 1)))
-        nodes.append(active(f"hdr{i}a", last, hdr_width, k3))
-        nodes.append(conv(f"hdr{i}b", f"hdr{i}a", channels, k3, add=skip))
-        last = f"hdr{i}b"
-    nodes += [
-        conv("weights", last, n, (1, 1, 1), activation={"softplus": weight_floor}),
+        conv("hdr1skip", "irradiance", hdr_width, (1, 1, 1)),
+        active("hdr1a", "irradiance", hdr_width, CUBE),
+        conv("hdr1b", "hdr1a", hdr_width, CUBE, add="hdr1skip"),
+        *(node for i in (2, 3, 4) for node in residual_module(f"hdr{i}", f"hdr{i - 1}b", hdr_width)),
+        conv("hdr5skip", "hdr4b", n, (1, 1, 1)),
+        active("hdr5a", "hdr4b", hdr_width, CUBE),
+        conv("hdr5b", "hdr5a", n, CUBE, add="hdr5skip"),
+        conv("weights", "hdr5b", n, (1, 1, 1), activation={"softplus": weight_floor}),
         {"name": "radiance", "op": "fuse", "inputs": ["weights", "irradiance"]},
     ]
-    return {
-        "version": 1,
-        "name": name,
-        "pattern": "mpve-1-4",
-        "window": dict(zip(("frames", "lead", "hop"), window, strict=True)),
-        "nodes": nodes,
-        "output": "radiance",
-    }
+    return paper_graph(name, window, nodes)
 
 
-# The paper's net in a form that two cores can train: half as wide, windows that repeat less work, and the box filter among
-# its inputs, to start from (start.py).
-NARROW = {
-    "widths": (16, 32, 64),
-    "hdr_width": 16,
-    "channels": ("measurement", "log_irradiance", "log_estimate", "log_exposure"),
-    "window": (24, 4, 16),
-}
+def paper_on_tiles(
+    widths=(64, 48, 64),
+    residual_blocks=6,
+    hdr_width=32,
+    *,
+    name="paper-narrow",
+    fold=(2, 4),
+    window=(40, 8, 24),
+    period=8,
+    exposures=(0.5, 2, 8),
+    reach=2,
+    weight_floor=1e-3,
+):
+    """The paper's nets on the pattern's folded tile, with kernels over what was measured.
+
+    LDR-net sees a tile as one place with many channels and leaves through a transposed convolution of the tile's size;
+    HDR-net goes back to tiles with the stride of its first layer, and its weights leave as LDR-net's videos do. Beside
+    videos at three exposures, LDR-net renders one for each of the 3×3 pixels around and for each of the same pixel half a
+    period and a period before and after, all at the lowest exposure: they begin as what was measured there (start.py), so
+    fusion weighs measurements too. The lowest exposure is below the camera's, so that the sigmoid's soft end is not reached.
+    Behind fusion, HDR-net predicts a kernel as `kernel_net` does, for weights below zero.
+    """
+    c1, c2, _ = widths
+    tile, spatial = (1, *fold), (1, 3, 3)
+    steps = neighbours(period)
+    taps = taps_around(reach, steps)
+    videos = [*exposures, *[exposures[0]] * (3 * 3 + len(steps))]
+    n, onto_tiles = len(videos), (3, fold[0] | 1, fold[1] | 1)  # the smallest kernel that sees all of a tile
+    decoder_width = c1 // 2
+    nodes = [
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]},
+        {
+            "name": "input",
+            "op": "features",
+            "inputs": ["measurement", "estimate", "log_irradiance"],
+            "channels": ["log_irradiance", "log_estimate", "saturated", "measurement"],
+            "neighbours": steps,
+            "block": list(tile),
+        },
+        active("encoder1", "input", c1, CUBE),
+        active("encoder2a", "encoder1", c2, spatial),
+        *paper_bottom(widths, residual_blocks, decoder_width),
+        conv("decoder3up", "skip1", c1, spatial, transpose=True),
+        conv("ldr", "decoder3up", n, tile, stride=tile, transpose=True, activation="sigmoid"),
+        {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": videos},
+        conv("hdr1skip", "irradiance", hdr_width, (1, *onto_tiles[1:]), stride=tile),
+        active("hdr1a", "irradiance", hdr_width, onto_tiles, stride=tile),
+        conv("hdr1b", "hdr1a", hdr_width, CUBE, add="hdr1skip"),
+        *(node for i in (2, 3, 4, 5) for node in residual_module(f"hdr{i}", f"hdr{i - 1}b", hdr_width)),
+        conv("weights", "hdr5b", n, tile, stride=tile, transpose=True, activation={"softplus": weight_floor}),
+        {"name": "fused", "op": "fuse", "inputs": ["weights", "irradiance"]},
+        conv("tail", "hdr5b", fold[0] * fold[1] * (len(taps) + 1), (1, 1, 1)),
+        {"name": "radiance", "op": "blend", "inputs": ["tail", "log_irradiance", "fused"], "block": list(tile), "taps": taps},
+    ]
+    return paper_graph(name, window, nodes)
+
+
+def paper_bottom(widths, residual_blocks: int, decoder_width: int) -> list[dict]:
+    """LDR-net from the end of its second encoder block, below full resolution, to the last skip connection."""
+    c1, c2, c3 = widths
+    k4, two = (4, 4, 4), (2, 2, 2)
+    blocks = [f"bottleneck{i}" for i in range(1, residual_blocks + 1)]
+    before = ["encoder3b", *(f"{block}b" for block in blocks)]
+    return [
+        active("encoder2b", "encoder2a", c2, CUBE, stride=two),
+        active("encoder3a", "encoder2b", c3, CUBE),
+        active("encoder3b", "encoder3a", c3, CUBE, stride=two),
+        *(node for block, source in zip(blocks, before, strict=False) for node in residual_module(block, source, c3)),
+        {"name": "skip3", "op": "concat", "inputs": ["encoder3b", before[-1]]},
+        conv("decoder1up", "skip3", c2, k4, stride=two, transpose=True),
+        active("decoder1", "decoder1up", c2, CUBE),
+        {"name": "skip2", "op": "concat", "inputs": ["encoder2b", "decoder1"]},
+        conv("decoder2up", "skip2", decoder_width, k4, stride=two, transpose=True),
+        active("decoder2", "decoder2up", decoder_width, CUBE),
+        {"name": "skip1", "op": "concat", "inputs": ["encoder1", "decoder2"]},
+    ]
+
+
+def active(name, source, channels, kernel, **more) -> dict:
+    """A convolution with LeakyReLU and norm, as in the paper's text."""
+    return conv(name, source, channels, kernel, activation=LEAKY, norm=True, **more)
+
+
+def residual_module(name: str, source: str, channels: int) -> list[dict]:
+    """The paper's residual module without a projection."""
+    return [active(f"{name}a", source, channels, CUBE), conv(f"{name}b", f"{name}a", channels, CUBE, add=source)]
+
+
+def paper_graph(name: str, window, nodes: list[dict]) -> dict:
+    """The graph of these nodes for `mpve-1-4`; `window` is (frames, lead, hop)."""
+    window = dict(zip(("frames", "lead", "hop"), window, strict=True))
+    return {"version": 1, "name": name, "pattern": "mpve-1-4", "window": window, "nodes": nodes, "output": "radiance"}
+
+
 FAST = {"widths": (32, 64, 96), "blocks": (0, 4, 2), "reach": 3, "hop": 96}
 
 PRESETS = {
@@ -200,7 +263,7 @@ PRESETS = {
     "robust": lambda: kernel_net(**FAST, name="robust"),
     "large": lambda: kernel_net(**{**FAST, "widths": (64, 128, 192)}, name="large"),
     "paper": lambda: paper(),
-    "paper-narrow": lambda: paper(**NARROW, name="paper-narrow"),
+    "paper-narrow": lambda: paper_on_tiles(),
 }
 
 

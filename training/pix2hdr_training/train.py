@@ -22,7 +22,7 @@ from .layout import gflop_per_frame
 from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
-from .start import has_norms, learning_rate_shares, prepare
+from .start import centred_weights, has_norms, learning_rate_shares, prepare
 from .validate import validate
 from .widen import widened
 
@@ -49,6 +49,7 @@ class Trainer:
         self.parameters = objective.trained_parameters(net)
         # Groups by their share of the learning rate.
         shares = learning_rate_shares(net) if objective.fixed_norms else dict.fromkeys(self.parameters, 1.0)
+        self.centred = centred_weights(net) if objective.fixed_norms else []
         groups = [
             {"params": [p for p in self.parameters if shares[p] == share], "share": share}
             for share in sorted({shares[p] for p in self.parameters})
@@ -71,7 +72,7 @@ class Trainer:
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.clip)
         if torch.isfinite(norm):
-            self.optimiser.step()
+            self._update()
             self.skipped = 0
         else:
             self.skipped += 1
@@ -80,6 +81,13 @@ class Trainer:
         self.steps += 1
         self._average()
         return float(loss.detach())
+
+    @torch.no_grad()
+    def _update(self) -> None:
+        before = [weight.clone() for weight in self.centred]
+        self.optimiser.step()
+        for weight, old in zip(self.centred, before, strict=True):
+            weight.sub_((weight - old).mean(list(range(1, weight.dim())), keepdim=True))
 
     @torch.no_grad()
     def _average(self) -> None:
@@ -168,7 +176,7 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
                         help="train against fixed patterns: in half of the crops, and once more in the loss")
     parser.add_argument("--small-batches", action="store_true",
                         help="for nets with batch norm where a batch is a few crops: norms keep the statistics of the first"
-                             " batches, LDR-net starts as the box filter, large layers learn more slowly")
+                             " batches, LDR-net starts as what was measured, large layers learn more slowly")
     parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: the same layers, as wide or narrower")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
