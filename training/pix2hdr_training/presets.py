@@ -51,16 +51,7 @@ def kernel_net(
     taps = taps_around(reach, steps)
     half, spatial = (1, 2, 2), (1, 3, 3)
     nodes = [
-        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
-        {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]},
-        {
-            "name": "features",
-            "op": "features",
-            "inputs": ["measurement", "estimate", "log_irradiance"],
-            "channels": list(channels),
-            "neighbours": steps,
-            "block": [1, *fold],
-        },
+        *inputs_on_tiles("features", channels, steps, fold),
         conv("entry", "features", widths[0], spatial, activation=LEAKY),
     ]
     last, skips = "entry", []
@@ -102,6 +93,22 @@ def taps_around(reach: int, steps: list[int]) -> list[list[int]]:
     """Offsets (t, y, x) of a kernel: pixels at most `reach` away, the same pixel `steps` and two frames before and after."""
     near = range(-reach, reach + 1)
     return [[0, dy, dx] for dy in near for dx in near] + [[dt, 0, 0] for dt in sorted({*steps, -2, 2})]
+
+
+def inputs_on_tiles(name: str, channels, steps: list[int], fold) -> list[dict]:
+    """Box estimate, log irradiance, and the features `name` of both on the folded tile, with neighbours in time."""
+    return [
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]},
+        {
+            "name": name,
+            "op": "features",
+            "inputs": ["measurement", "estimate", "log_irradiance"],
+            "channels": list(channels),
+            "neighbours": steps,
+            "block": [1, *fold],
+        },
+    ]
 
 
 def window_around(graph: dict, hop: int) -> dict:
@@ -188,16 +195,7 @@ def paper_on_tiles(
     n, onto_tiles = len(videos), (3, fold[0] | 1, fold[1] | 1)  # the smallest kernel that sees all of a tile
     decoder_width = c1 // 2
     nodes = [
-        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
-        {"name": "log_irradiance", "op": "log_irradiance", "inputs": ["measurement"]},
-        {
-            "name": "input",
-            "op": "features",
-            "inputs": ["measurement", "estimate", "log_irradiance"],
-            "channels": ["log_irradiance", "log_estimate", "saturated", "measurement"],
-            "neighbours": steps,
-            "block": list(tile),
-        },
+        *inputs_on_tiles("input", ("log_irradiance", "log_estimate", "saturated", "measurement"), steps, fold),
         active("encoder1", "input", c1, CUBE),
         active("encoder2a", "encoder1", c2, spatial),
         *paper_bottom(widths, residual_blocks, decoder_width),

@@ -115,8 +115,9 @@ def prepare(net: GraphNet, batches: list[Batch]) -> None:
     }
     channels = {source: channel for channel, source in enumerate(dict.fromkeys(sources.values()))}
     count = len(channels)
-    if count > first.node["out_channels"]:
-        raise ValueError(f"{first.node['name']}: {count} channels are needed to start as what was measured")
+    for layer in (first, up):
+        if count > layer.node["out_channels"]:
+            raise ValueError(f"{layer.node['name']}: {count} channels are needed to start as what was measured")
 
     t, y, x = centre(first)
     first.weight[:count] = 0.0

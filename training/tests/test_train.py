@@ -9,7 +9,7 @@ import pytest
 import torch
 from fake_data import make_dataset
 from pix2hdr_training import presets
-from pix2hdr_training.data import Crops, Dataset, DatasetError, end_of_recording, miscalibrated, with_fixed_pattern
+from pix2hdr_training.data import Batch, Crops, Dataset, DatasetError, end_of_recording, miscalibrated, with_fixed_pattern
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
 from pix2hdr_training.graph import GraphNet, box_estimate
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
@@ -334,13 +334,19 @@ def test_a_run_starts_from_a_weights_file(graph_file, data_folder, tmp_path):
     assert json.loads(metadata["provenance"])["start"]["steps"] == 3
 
 
-def test_with_small_batches_ldr_net_starts_as_what_was_measured(data_folder):
-    data = Dataset(data_folder)
+def prepared(data: Dataset) -> tuple[GraphNet, Batch]:
+    """A net as it starts with small batches, and a batch that it has not seen."""
     torch.manual_seed(0)
-    net, plain = GraphNet(NARROW, data.inverse), GraphNet(NARROW, data.inverse).eval()
+    net = GraphNet(NARROW, data.inverse)
     crops = Crops(data, NARROW, 4, 16, 0, ends=0.0, off=0.0)
     prepare(net, [crops(i) for i in range(4)])
-    batch = crops(9)
+    return net, crops(9)
+
+
+def test_with_small_batches_ldr_net_starts_as_what_was_measured(data_folder):
+    data = Dataset(data_folder)
+    net, batch = prepared(data)
+    plain = GraphNet(NARROW, data.inverse).eval()
     box = tone(box_estimate(batch.measurement, batch.exposure, data.inverse))
     logs = tone(data.inverse(batch.measurement) / batch.exposure)
     # Videos: the estimate at three exposures; the pixels around, row by row; those in time, at the lowest exposure.
@@ -362,12 +368,7 @@ def test_with_small_batches_ldr_net_starts_as_what_was_measured(data_folder):
 
 
 def test_fusion_starts_with_the_estimate_at_the_lowest_exposure(data_folder):
-    data = Dataset(data_folder)
-    torch.manual_seed(0)
-    net = GraphNet(NARROW, data.inverse)
-    crops = Crops(data, NARROW, 4, 16, 0, ends=0.0, off=0.0)
-    prepare(net, [crops(i) for i in range(4)])
-    batch = crops(9)
+    net, batch = prepared(Dataset(data_folder))
     with torch.no_grad():
         weights = net(batch.measurement, batch.exposure, until="weights").mean((0, 2, 3, 4))
     assert int(weights.argmax()) == 0 and weights[0] > 2.0 and float(weights[1:3].max()) < 0.3
