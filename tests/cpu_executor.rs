@@ -328,6 +328,46 @@ fn a_window_that_follows_computes_what_is_new_and_the_same() {
     }
 }
 
+/// What nobody reads is computed whole, whatever it is: it need not follow from its own frames.
+#[test]
+fn unread_tensors_are_not_cut() {
+    let unread = [
+        r#"{"name": "up", "op": "conv_transpose3d", "inputs": ["features"], "out_channels": 16,
+            "kernel": [2, 2, 2], "stride": [2, 2, 2], "activation": "none"}"#,
+        r#"{"name": "both", "op": "concat", "inputs": ["features", "features"]}"#,
+    ];
+    for unread in unread {
+        let graph = format!(
+            r#"{{"version": 1, "name": "unread", "pattern": "any", "output": "estimate",
+            "window": {{"frames": 8, "lead": 0, "hop": 8}}, "nodes": [
+            {{"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]}},
+            {{"name": "features", "op": "features", "inputs": ["measurement", "estimate"],
+             "channels": ["log_irradiance", "log_estimate", "saturated", "measurement"], "block": [1, 1, 1]}}, {unread}]}}"#
+        );
+        let model = model(&graph, 1);
+        let whole = Plan::lower(&model, 16, 16).unwrap();
+        let plan = Plan::in_pieces(&model, 16, 16, 5000).unwrap();
+        let expected = run(CpuExecutor::<f32>::new(whole.clone(), camera()), &whole, 1);
+        assert_eq!(expected, run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, 1));
+    }
+}
+
+/// Tiles cannot have the right halo then, so such nets are refused where there may be tiles.
+#[test]
+fn layers_finer_than_pixels_have_no_known_reach() {
+    let graph = r#"{"version": 1, "name": "fine", "pattern": "any", "output": "result",
+        "window": {"frames": 2, "lead": 0, "hop": 2}, "nodes": [
+        {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+        {"name": "features", "op": "features", "inputs": ["measurement", "estimate"],
+         "channels": ["log_irradiance"], "block": [1, 1, 1]},
+        {"name": "up", "op": "conv_transpose3d", "inputs": ["features"], "out_channels": 4, "kernel": [1, 2, 2],
+         "stride": [1, 2, 2], "activation": "none"},
+        {"name": "result", "op": "conv3d", "inputs": ["up"], "out_channels": 1, "kernel": [1, 7, 7],
+         "stride": [1, 2, 2], "activation": "none"}]}"#;
+    let error = model(graph, 1).graph.reach().unwrap_err().to_string();
+    assert!(error.contains("'up'") && error.contains("finer"), "{error}");
+}
+
 #[test]
 fn nets_that_depend_on_their_window_do_not_stream() {
     for (graph, size) in [(U_NET, [12, 14]), (KERNELS, [4, 8]), (DENSE, [5, 14])] {

@@ -63,7 +63,9 @@ impl Demo {
         let mut synthesizer =
             self.engine.synthesizer(&model, calibration.clone(), [height, width], &backend)?;
         let (result, report) = synthesizer.video(&capture)?;
-        let filtered = box_filter(&capture.measurement(), &calibration, capture.info.schedule_start);
+        let covering = hold_to_covering(&capture);
+        let measurement = covering.measurement();
+        let filtered = box_filter(&measurement, &calibration, covering.info.schedule_start);
         let measures = json!({ "pix2hdr": compare(&truth, &result)?, "box": compare(&truth, &filtered)? });
 
         let mut files = Vec::new();
@@ -80,13 +82,12 @@ impl Demo {
         let panels = |video: &Video| -> Vec<Panel> {
             shown.iter().map(|&t| Panel::toned(video.frame(t), width)).collect()
         };
-        let measurement = hold_to_covering(&capture).measurement();
         let mosaics: Vec<Vec<f32>> = shown.iter().map(|&t| measurement.frame(t).to_vec()).collect();
         contact_sheet(&capture.recording(), &shown, &mosaics, panels(&result))
             .row("truth", panels(&truth))
             .write(add("contact-sheet.png"))?;
         let pixel = liveliest(&truth);
-        Self::time_series(pixel, [&filtered, &result, &truth], &capture).write(
+        Self::time_series(pixel, [&measurement, &filtered, &result, &truth], &covering).write(
             add("time-series.png"),
             960,
             480,
@@ -112,19 +113,22 @@ impl Demo {
         })
     }
 
-    /// Irradiance of one pixel over time.
-    fn time_series(pixel: usize, [filtered, result, truth]: [&Video; 3], capture: &Capture) -> Plot {
+    /// Irradiance of one pixel over time; `measurement` is that of `covering`.
+    fn time_series(
+        pixel: usize,
+        [measurement, filtered, result, truth]: [&Video; 4],
+        covering: &Capture,
+    ) -> Plot {
         let (y, x) = (pixel / truth.width, pixel % truth.width);
-        let measurement = capture.measurement();
         let series = |video: &Video| -> Vec<(f64, f64)> {
             (0..video.frames).map(|t| (t as f64, f64::from(video.frame(t)[pixel]))).collect()
         };
         let own = |(t, value): (f64, f64)| {
-            let covering = capture.pattern.cell(y, x).covering(capture.info.schedule_start + t as i64);
-            (t, capture.response.exposure(value) / covering.shutter.exposure() as f64)
+            let read_out = covering.pattern.cell(y, x).covering(covering.info.schedule_start + t as i64);
+            (t, covering.response.exposure(value) / read_out.shutter.exposure() as f64)
         };
         Plot::new(format!("irradiance of the pixel in row {y}, column {x}"), "time / ms", "p")
-            .series("raw / exposure", series(&measurement).into_iter().map(own))
+            .series("raw / exposure", series(measurement).into_iter().map(own))
             .series("box filter", series(filtered))
             .series("pix2hdr", series(result))
             .series("truth", series(truth))

@@ -199,6 +199,7 @@ impl Synth {
         let meta = std::fs::metadata(&file.array)?;
         let modified = meta.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
         let mut made = json!({
+            "version": env!("CARGO_PKG_VERSION"),
             "capture": show(&std::fs::canonicalize(&file.array)?),
             "capture_bytes": meta.len(),
             "capture_modified": modified.map(|time| time.as_secs()),

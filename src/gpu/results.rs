@@ -73,7 +73,8 @@ impl Results {
         })
     }
 
-    /// Records a copy of the result that `view` shows in `slot`, whose first frame is that of schedule time `first`.
+    /// Records a copy of the result that `view` shows in `slot`, whose first frame is that of schedule time `first`. A window
+    /// that is computed again takes the place of what it was; values that do not lie side by side are not kept.
     pub(super) fn keep(
         &self,
         gpu: &Gpu,
@@ -82,7 +83,7 @@ impl Results {
         encoder: &mut CommandEncoder,
     ) {
         let mut inner = self.lock();
-        if !inner.wanted {
+        if !inner.wanted || view.stride != 1 {
             return;
         }
         let [frames, height, width] = view.shape.extent();
@@ -92,7 +93,11 @@ impl Results {
             Ok(buffer) => {
                 encoder.copy_buffer_to_buffer(slot, (4 * view.offset) as u64, &buffer, 0, bytes);
                 let (extent, device) = ([height, width], gpu.device.clone());
-                inner.windows.push_back(Kept { first, frames, extent, buffer, device });
+                let kept = Kept { first, frames, extent, buffer, device };
+                match inner.windows.iter_mut().find(|known| known.first == first) {
+                    Some(known) => *known = kept,
+                    None => inner.windows.push_back(kept),
+                }
             }
             Err(error) => {
                 tracing::warn!("results are not kept on the GPU: {error}");

@@ -67,28 +67,40 @@ pub struct StepFormats {
     pub output_tensor: usize,
 }
 
+/// What lies in a slot.
+#[derive(Clone, Default)]
+struct Held {
+    /// Number of the tensor.
+    tensor: usize,
+    /// Values between its pixels.
+    stride: usize,
+    /// First channels of the parts that were written, if it is a concatenation. A part that is written again belongs to
+    /// another concatenation, of the same stride.
+    parts: Vec<usize>,
+}
+
 impl Storage {
     /// Decides the format of each tensor of `plan`.
     pub fn new(plan: &Plan, precision: Precision) -> Self {
         let reduced = Format::of(precision);
         // Formats by tensor; the first one is the measurement.
         let mut formats = vec![Format::F32];
-        // What lies in each slot: number of the tensor, and the stride of a concatenation that is being written.
-        let mut holds: Vec<(usize, Option<usize>)> = vec![(0, None); plan.slots.len()];
+        let mut holds: Vec<Held> = vec![Held::default(); plan.slots.len()];
         let mut slot_bytes = vec![0; plan.slots.len()];
         slot_bytes[plan.measurement.slot] = plan.slots[plan.measurement.slot] * Format::F32.bytes();
         let steps = plan.usual_steps().iter().map(|step| {
-            let View { slot, stride, shape, .. } = step.output;
-            let part = (stride > shape.c.next_multiple_of(4)).then_some(stride);
-            let output_tensor = match holds[slot] {
-                (tensor, whole) if part.is_some() && whole == part => tensor,
-                _ => {
-                    formats.push(if step.full_precision { Format::F32 } else { reduced });
-                    formats.len() - 1
-                }
-            };
-            holds[slot] = (output_tensor, part);
-            let input_tensors: Vec<usize> = step.inputs.iter().map(|view| holds[view.slot].0).collect();
+            let View { slot, offset, stride, shape } = step.output;
+            let channel = offset % stride;
+            let held = &mut holds[slot];
+            if stride > shape.c.next_multiple_of(4) && held.stride == stride && !held.parts.contains(&channel)
+            {
+                held.parts.push(channel);
+            } else {
+                formats.push(if step.full_precision { Format::F32 } else { reduced });
+                *held = Held { tensor: formats.len() - 1, stride, parts: vec![channel] };
+            }
+            let output_tensor = held.tensor;
+            let input_tensors: Vec<usize> = step.inputs.iter().map(|view| holds[view.slot].tensor).collect();
             let output = formats[output_tensor];
             slot_bytes[slot] = (plan.slots[slot] * output.bytes()).max(slot_bytes[slot]);
             let inputs = input_tensors.iter().map(|&tensor| formats[tensor]).collect();

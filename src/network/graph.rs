@@ -251,6 +251,9 @@ impl Graph {
                     std::array::from_fn(|i| span[i] * conv.stride[i])
                 }
                 Op::ConvTranspose3d(conv) => {
+                    if (0..3).any(|i| !span[i].is_multiple_of(conv.stride[i])) {
+                        return Err(node.fail("is finer than the pixels, so its reach is not known".into()));
+                    }
                     let fine: [usize; 3] = std::array::from_fn(|i| span[i] / conv.stride[i]);
                     more[0] = std::array::from_fn(|i| conv.transposed_reach(i) * fine[i]);
                     fine
@@ -318,8 +321,7 @@ impl Graph {
     /// Frames of each tensor that the result depends on. Tensors that no other node reads count as results, all of their
     /// frames; tensors that none of these depend on are left out.
     ///
-    /// `shapes` are those of [`Graph::shapes`]. The tensors of a concatenation have the same frames as the whole,
-    /// since they lie side by side.
+    /// `shapes` are those of [`Graph::shapes`].
     pub(super) fn needed_frames<'a>(
         &'a self,
         shapes: &HashMap<&'a str, Shape>,
@@ -331,31 +333,20 @@ impl Graph {
         let ends = self.nodes.iter().map(|node| node.name.as_str()).filter(|&name| unread(name));
         let mut needed: HashMap<&str, Range<usize>> = ends.map(|name| (name, 0..shapes[name].t)).collect();
         needed.insert(&self.output, result);
-        // Ranges only grow. One pass is enough but for concatenations.
-        loop {
-            let before = needed.clone();
-            for node in self.nodes.iter().rev() {
-                let Some(range) = needed.get(node.name.as_str()).cloned() else { continue };
-                let range = node.computes(range, shapes[node.name.as_str()].t);
-                needed.insert(&node.name, range.clone());
-                for (name, frames) in
-                    node.tensors().zip(node.reads(range)).filter(|(_, frames)| !frames.is_empty())
-                {
-                    let last = shapes[name.as_str()].t as isize;
-                    let [start, end] = [frames.start, frames.end].map(|t| t.clamp(0, last) as usize);
-                    let known = needed.entry(name).or_insert(start..end);
-                    *known = known.start.min(start)..known.end.max(end);
-                }
-                if matches!(node.op, Op::Concat) {
-                    let parts = node.inputs.iter().map(|part| needed[part.as_str()].clone());
-                    let whole = parts.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end));
-                    needed.extend(whole.map(|whole| (node.name.as_str(), whole)));
-                }
-            }
-            if needed == before {
-                return needed;
+        for node in self.nodes.iter().rev() {
+            let Some(range) = needed.get(node.name.as_str()).cloned() else { continue };
+            let range = node.computes(range, shapes[node.name.as_str()].t);
+            needed.insert(&node.name, range.clone());
+            for (name, frames) in
+                node.tensors().zip(node.reads(range)).filter(|(_, frames)| !frames.is_empty())
+            {
+                let last = shapes[name.as_str()].t as isize;
+                let [start, end] = [frames.start, frames.end].map(|t| t.clamp(0, last) as usize);
+                let known = needed.entry(name).or_insert(start..end);
+                *known = known.start.min(start)..known.end.max(end);
             }
         }
+        needed
     }
 
     /// Checks that the graph's output is a video: one value a pixel, for the result frames or the whole window.

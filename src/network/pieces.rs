@@ -151,7 +151,8 @@ impl<'a> Net<'a, '_> {
         let frame = inner.iter().map(|name| self.frame_bytes(name)).sum::<usize>();
         let frames = self.frames(&nodes);
         let count = frames.len().div_ceil((self.bytes / frame.max(1)).max(1));
-        if inner.is_empty() || count < 2 {
+        // A node by itself has inner tensors only if nothing reads it.
+        if nodes.len() < 2 || inner.is_empty() || count < 2 {
             return nodes.map(Group::whole).collect();
         }
         vec![Group { nodes, inner, frames: cuts(frames, count).collect(), strips: vec![Vec::new()] }]

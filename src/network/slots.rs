@@ -62,7 +62,7 @@ impl<'a> Arrangement<'a> {
         needed.insert(MEASUREMENT, 0..graph.window.frames);
         let mut shapes: HashMap<&str, Shape> =
             needed.iter().map(|(&name, frames)| (name, Shape { t: frames.len(), ..shapes[name] })).collect();
-        let parts = parts(graph, &shapes);
+        let parts = parts(graph, &needed, &shapes);
         let groups = groups(graph, &needed, &shapes, piece_bytes, |name| parts.contains_key(name));
         let heights = shapes.iter().map(|(&name, shape)| (name, shape.y)).collect();
         let index_of = indices(graph);
@@ -106,7 +106,13 @@ pub(super) fn indices(graph: &Graph) -> HashMap<&str, usize> {
 }
 
 /// Which tensors are written straight into a concatenation: its node, and the first channel there.
-fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str, (usize, usize)> {
+///
+/// Not those of which more frames are needed than of the concatenation, which would have to hold them.
+fn parts<'a>(
+    graph: &'a Graph,
+    needed: &HashMap<&str, Range<usize>>,
+    shapes: &HashMap<&str, Shape>,
+) -> HashMap<&'a str, (usize, usize)> {
     let nodes: HashMap<&str, &Node> = graph.nodes.iter().map(|node| (node.name.as_str(), node)).collect();
     let reads = |name: &str, other: &str| nodes[name].tensors().any(|input| input == other);
     let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
@@ -119,6 +125,7 @@ fn parts<'a>(graph: &'a Graph, shapes: &HashMap<&str, Shape>) -> HashMap<&'a str
         for input in &concat.inputs {
             let alone = matches!(nodes[input.as_str()].op, Op::Concat)
                 || part_of.contains_key(input.as_str())
+                || needed[input.as_str()] != needed[concat.name.as_str()]
                 || concat.inputs.iter().filter(|other| *other == input).count() > 1
                 || written.iter().any(|part| reads(part, input) || reads(input, part));
             if !alone {

@@ -91,7 +91,8 @@ impl Grid {
             let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
             let (slots, _) = limits.slots(model, [tallest, widest], parts == [1, 1])?;
             let largest = 4 * slots.iter().max().copied().unwrap_or(0) as u64;
-            if largest <= limits.buffer && 4 * slots.iter().sum::<usize>() as u64 <= limits.total {
+            let total = 4 * slots.iter().sum::<usize>() as u64;
+            if largest <= limits.buffer && total <= limits.total {
                 return Ok(Self { rows, cols, height, width });
             }
             // Cut the longer side once more, unless it is cut as finely as it can be.
@@ -102,8 +103,9 @@ impl Grid {
                 return Err(NetworkError::Graph(
                     model.graph.name.clone(),
                     format!(
-                        "even its smallest tile needs a buffer of {largest} bytes, more than {}",
-                        limits.buffer
+                        "even its smallest tile needs {total} bytes, {largest} of them in one buffer; there are {}, and {} \
+                         for a buffer: take a smaller net or another executor",
+                        limits.total, limits.buffer
                     ),
                 )
                 .into());

@@ -490,12 +490,13 @@ impl Worker {
         })
     }
 
-    /// Begins to keep results on the GPU, if it draws the window and computes whole frames: tiles and skipped cells
-    /// are put together in main memory.
+    /// Begins to keep results on the GPU, if it draws the window and computes whole frames: tiles, skipped cells and the
+    /// views of an ensemble are put together in main memory.
     fn keep_results(&self, synthesizer: &Synthesizer) -> Option<Arc<Results>> {
         let Some(Backend::Gpu(gpu, _)) = &self.backend else { return None };
         let results = gpu.results()?;
-        let whole = self.dials.skip == Skip::Off && synthesizer.grid().tiles().count() == 1;
+        let Dials { skip, ensemble, .. } = self.dials;
+        let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.grid().tiles().count() == 1;
         results.begin(whole);
         whole.then(|| Arc::clone(results))
     }
