@@ -73,6 +73,48 @@ fn the_demo_writes_all_that_it_promises() {
     }
 }
 
+/// A recording cannot be made again, so nothing is written over it, nor over anything else that was not named for that.
+#[test]
+fn single_files_are_kept_too() {
+    let (folder, array) = capture();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let before = fs::read(&array).unwrap();
+    let (camera, truth, result) = (path("capture"), path("truth.npy"), path("result.npy"));
+    let kept = |arguments: &[&str]| {
+        let output = pix2hdr(arguments);
+        assert!(!output.status.success(), "{arguments:?}");
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(message.contains("already there") || message.contains("capture itself"), "{message}");
+        assert!(fs::read(&array).unwrap() == before, "{arguments:?} replaced the recording");
+    };
+    kept(&["import", &array, "--out", &camera]);
+    kept(&["sample", &truth, "--out", &camera, "--seed", "9"]);
+    kept(&["scene", "fan", "--out", &truth, "--frames", "2"]);
+    kept(&["synth", &array, "--out", &array, "--executor", "cpu"]);
+    kept(&["synth", &array, "--out", &array, "--executor", "cpu", "--overwrite"]);
+    succeeds(&["synth", &array, "--out", &result, "--executor", "cpu"]);
+    kept(&["synth", &array, "--out", &result, "--executor", "cpu"]);
+    succeeds(&["synth", &array, "--out", &result, "--executor", "cpu", "--overwrite"]);
+    succeeds(&["sample", &truth, "--out", &camera, "--seed", "9", "--overwrite"]);
+    assert!(fs::read(&array).unwrap() != before);
+}
+
+/// What cannot work is said before a result begins, or the next run would find an interrupted one.
+#[test]
+fn a_start_that_fails_leaves_nothing_to_go_on_with() {
+    let (folder, array) = capture();
+    let out = folder.path().join("result").display().to_string();
+    // Without ffmpeg.
+    let preview = folder.path().join("preview.mp4").display().to_string();
+    let output = Command::new(env!("CARGO_BIN_EXE_pix2hdr"))
+        .args(["synth", &array, "--out", &out, "--executor", "cpu", "--preview", &preview])
+        .env("PATH", "")
+        .output()
+        .unwrap();
+    assert!(!output.status.success());
+    succeeds(&["synth", &array, "--out", &out, "--executor", "cpu"]);
+}
+
 #[test]
 fn software_vulkan_and_cpu_give_the_same_video() {
     let (folder, array) = capture();

@@ -91,6 +91,30 @@ fn every_size_works() {
     }
 }
 
+/// Most windows of a short recording are not full: their time is that of the frames that they give.
+#[test]
+fn times_are_those_of_frames_that_were_delivered() {
+    let (model, capture) = (model("tiny"), camera().sample(&truth(5, 16, 16)).unwrap());
+    let mut synthesizer =
+        Synthesizer::new(&model, capture.calibration(), [16, 16], &Backend::Cpu, None).unwrap();
+    let (_, report) = synthesizer.video(&capture).unwrap();
+    assert_eq!((report.windows, report.frames), (1, 5));
+    let all = 5.0 * report.ms_per_frame() / 1e3;
+    let [least, most] = [report.inference, report.wall].map(|time| time.as_secs_f64());
+    assert!((0.999 * least..=most).contains(&all), "{all} s is not from {least} to {most} s");
+}
+
+/// A net knows a pattern of the user's own by its name.
+#[test]
+fn nets_are_for_patterns_of_ones_own_too() {
+    let mut model = model("tiny");
+    model.graph.pattern = "mine".into();
+    let pattern = |name: &str| Pattern { name: name.into(), ..Pattern::built_in("sve").unwrap() };
+    model.check_pattern(&pattern("mine")).unwrap();
+    let refused = model.check_pattern(&pattern("sve")).unwrap_err().to_string();
+    assert!(refused.contains("for pattern mine"), "{refused}");
+}
+
 /// Pixel values that are no numbers do not get into the net.
 #[test]
 fn values_that_are_no_numbers_stay_out() {

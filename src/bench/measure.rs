@@ -182,9 +182,9 @@ impl Case<'_> {
         let hop = window.hop as f64;
         let inference = self.inference(&mut tiles, schedule)?;
         // What is skipped depends on the windows before, so only the whole job shows it.
-        let wall = match &whole {
-            Some(whole) if self.skip != Skip::Off => &whole.windows,
-            _ => &inference.wall,
+        let (wall, frames) = match &whole {
+            Some(whole) if self.skip != Skip::Off => (&whole.frame_times, 1.0),
+            _ => (&inference.wall, hop),
         };
         let peak_memory_bytes = memory.then(machine::peak_memory).flatten();
 
@@ -192,7 +192,7 @@ impl Case<'_> {
         let floors =
             self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count * self.ensemble)), precision);
         let per_frame = |seconds: f64| 1e3 * seconds / hop;
-        let median = per_frame(wall.median());
+        let median = 1e3 * wall.median() / frames;
         let mut checked = self.executor(oracle.plan().clone(), &calibration)?;
         let psnr_vs_oracle_db = match &whole {
             Some(whole) if oracle.is_whole() && self.ensemble == 1 => {
@@ -221,7 +221,7 @@ impl Case<'_> {
             height,
             frames: clip.capture.frames,
             ms_per_frame_median: median,
-            ms_per_frame_p95: per_frame(wall.quantile(0.95)),
+            ms_per_frame_p95: 1e3 * wall.quantile(0.95) / frames,
             samples: wall.count(),
             frames_per_s: 1e3 / median,
             mpixel_per_s: 1e-3 * (width * height) as f64 / median,
@@ -264,14 +264,14 @@ impl Case<'_> {
             let (result, report) = synthesizer.video(&clip.capture)?;
             video = result;
             computed = report.skipping.as_ref().map_or(1.0, Skipped::active_fraction);
-            Ok((begun.elapsed(), report.window_times))
+            Ok((begun.elapsed(), report.frame_times))
         })?;
         let times = Samples::new(runs.iter().map(|(time, _)| *time).collect());
-        let windows = Samples::new(runs.into_iter().flat_map(|(_, windows)| windows).collect());
+        let frame_times = Samples::new(runs.into_iter().flat_map(|(_, windows)| windows).collect());
         Ok(EndToEnd {
             video,
             ms_per_frame: 1e3 * times.median() / clip.capture.frames as f64,
-            windows,
+            frame_times,
             computed,
         })
     }
@@ -372,8 +372,8 @@ struct EndToEnd {
     video: Video,
     /// Median of several runs.
     ms_per_frame: f64,
-    /// Time of each window of all runs.
-    windows: Samples,
+    /// Time per frame of each window of all runs.
+    frame_times: Samples,
     /// Share of the cells that were computed.
     computed: f64,
 }

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pix2hdr::Result;
-use pix2hdr::sensor::{Capture, check_exposure_ratio, fit_response, hold_to_covering};
+use pix2hdr::sensor::{Capture, check_exposure_ratio, check_levels, fit_response, hold_to_covering};
+use pix2hdr::video::check_free;
 use serde_json::json;
 
 use super::options::{CaptureOptions, show};
@@ -28,6 +29,9 @@ pub struct Import {
     /// exposure see the same light
     #[arg(long)]
     fit_response: bool,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -36,11 +40,17 @@ pub struct Import {
 impl Import {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
+        for file in Capture::files(&self.out) {
+            check_free(&file, self.overwrite)?;
+        }
         let recording = Capture::read(&self.file, &self.options.keys()?)?;
         let mut capture = hold_to_covering(&recording).into_owned();
         let fit = if self.fit_response { Some(fit_response(&capture)?) } else { None };
         if let Some(fit) = &fit {
             capture = capture.with_response(fit)?;
+        }
+        if let Some(warning) = check_levels(&capture) {
+            terminal::warn(&warning);
         }
         let check = check_exposure_ratio(&capture);
         match check {

@@ -175,24 +175,24 @@ pub struct Camera {
     /// Sampling pattern: a built-in name or a JSON file [default: mpve-1-4]
     #[arg(long, value_name = "NAME|FILE")]
     pub pattern: Option<String>,
-    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
-    #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
-    pub response: ResponseOption,
+    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file [default: linear]
+    #[arg(long, value_parser = parse_response, value_name = "CURVE")]
+    pub response: Option<ResponseOption>,
     /// Electrons at y = 1; 0 for no noise at all
     #[arg(long, default_value_t = Noise::default().full_well_e, value_name = "E")]
     pub full_well: f64,
     /// Read noise in electrons rms
     #[arg(long, default_value_t = Noise::default().read_noise_e, value_name = "E")]
     pub read_noise: f64,
-    /// Bits per pixel value
-    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=16))]
-    pub bit_depth: u32,
+    /// Bits per pixel value [default: 10]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub bit_depth: Option<u32>,
     /// Deliver the last finished read-out, as a live camera does, instead of the covering one
     #[arg(long)]
     pub hold: bool,
-    /// Schedule time of the first frame
-    #[arg(long, default_value_t = 0, allow_hyphen_values = true, value_name = "FRAME")]
-    pub schedule_start: i64,
+    /// Schedule time of the first frame [default: 0]
+    #[arg(long, allow_hyphen_values = true, value_name = "FRAME")]
+    pub schedule_start: Option<i64>,
     /// Seed of every random draw
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -236,7 +236,7 @@ impl Camera {
     pub fn sampler(&self) -> Result<Sampler> {
         let mut sampler = Sampler::new(
             Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?,
-            self.response.form()?,
+            self.response.as_ref().map_or(Ok(Form::Linear), ResponseOption::form)?,
         )?;
         if !(self.full_well >= 0.0 && self.read_noise >= 0.0 && self.read_noise.is_finite()) {
             return Err(Error::Usage("--full-well and --read-noise must not be negative".into()));
@@ -246,21 +246,22 @@ impl Camera {
         } else {
             Noise { full_well_e: self.full_well, read_noise_e: self.read_noise }
         };
-        sampler.bit_depth = self.bit_depth;
+        sampler.bit_depth = self.bit_depth.unwrap_or(10);
         sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
-        sampler.schedule_start = self.schedule_start;
+        sampler.schedule_start = self.schedule_start.unwrap_or(0);
         sampler.seed = self.seed;
         Ok(sampler)
     }
 
-    /// What was said of the camera as keys of `capture.json`, for arrays that have none.
+    /// What was said of the camera as keys of `capture.json`, in place of those that a capture has.
     pub fn keys(&self) -> Result<Map<String, Value>> {
-        let Self { pattern, response, hold, schedule_start, .. } = self;
+        let Self { pattern, response, hold, schedule_start, bit_depth, .. } = self;
         let given = CaptureOptions {
             pattern: pattern.clone(),
-            response: Some(response.clone()).filter(|r| !matches!(r, ResponseOption::Form(Form::Linear))),
+            response: response.clone(),
             timing: hold.then_some(TimingOption::Hold),
-            schedule_start: Some(*schedule_start).filter(|start| *start != 0),
+            schedule_start: *schedule_start,
+            bit_depth: *bit_depth,
             ..CaptureOptions::default()
         };
         given.keys()

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pix2hdr::Result;
-use pix2hdr::video;
+use pix2hdr::sensor::Capture;
+use pix2hdr::video::{self, check_free};
 use serde_json::json;
 
 use super::options::{Camera, show};
@@ -23,6 +24,9 @@ pub struct Sample {
     /// Scale the video so that its 99th percentile is p = 1, and clip (paper eq. 11)
     #[arg(long)]
     normalise: bool,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -31,6 +35,9 @@ pub struct Sample {
 impl Sample {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
+        for file in Capture::files(&self.out) {
+            check_free(&file, self.overwrite)?;
+        }
         let sampler = self.camera.sampler()?;
         let mut video = video::read(&self.video)?;
         let anchor = self.normalise.then(|| f64::from(video.normalise()));

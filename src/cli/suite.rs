@@ -67,7 +67,7 @@ impl SuiteCommand {
         let mut json = serde_json::to_value(&report).map_err(|e| Error::Usage(e.to_string()))?;
         json["ran_on"] = json!(backend.adapter().unwrap_or_else(|| backend.name().to_owned()));
         terminal::result(self.json, &json, || {
-            format!("{}\nran on {}", table(&report, &methods), json["ran_on"])
+            format!("{}\nran on {}", table(&report, &methods), json["ran_on"].as_str().unwrap_or_default())
         })
     }
 }

@@ -7,7 +7,7 @@ use clap::Args;
 use pix2hdr::baseline::box_filter;
 use pix2hdr::network::Model;
 use pix2hdr::quality::{Comparison, ContactSheet, Panel};
-use pix2hdr::sensor::{CaptureFile, Recording, Timing, check_exposure_ratio};
+use pix2hdr::sensor::{CaptureFile, Recording, Timing, check_exposure_ratio, check_levels};
 use pix2hdr::synth::{Backend, Report, ResultFrame, Skipped, check_fits};
 use pix2hdr::video::{self, PreviewWriter, Video, Writing};
 use pix2hdr::{Error, Result};
@@ -76,8 +76,9 @@ impl Synth {
         }
         // Static parts stay static: a few frames are enough to look at.
         let looks: Vec<usize> = (0..frames.min(LOOKS)).map(|i| i * frames / frames.min(LOOKS)).collect();
-        if let Some(warning) = check_exposure_ratio(&file.excerpt(&looks)?).and_then(|check| check.warning())
-        {
+        let excerpt = file.excerpt(&looks)?;
+        let ratio = check_exposure_ratio(&excerpt).and_then(|check| check.warning());
+        for warning in [check_levels(&excerpt), ratio].into_iter().flatten() {
             terminal::warn(&warning);
         }
         let truth =
@@ -98,9 +99,11 @@ impl Synth {
             anchor: recording.info.anchor.map(|anchor| anchor as f32),
         };
         let extents = [frames, extent[0], extent[1]];
+        if target.exists() && std::fs::canonicalize(&target)? == std::fs::canonicalize(&file.array)? {
+            return Err(Error::Usage("is the capture itself; name another file".into()).at(&target));
+        }
         let made = self.made(&file, &model, &backend)?;
-        let mut result = Resumable::begin(&target, extents, how, self.resume, &made)?;
-        let from = result.writer.pushed();
+        // What can fail comes before the result begins, so that it leaves nothing to go on with.
         let mut preview = self
             .preview
             .as_ref()
@@ -108,6 +111,8 @@ impl Synth {
             .transpose()?;
         let shown = shown_frames(frames);
         let mosaics = shown.iter().map(|&t| file.pixel_values(t)).collect::<Result<Vec<_>>>()?;
+        let mut result = Resumable::begin(&target, extents, how, self.resume, &made)?;
+        let from = result.writer.pushed();
         let mut panels = Vec::new();
         for t in shown.iter().filter(|t| **t < from && folder.is_some()) {
             panels.push(Panel::toned(&result.writer.written(*t)?, extent[1]));
@@ -203,6 +208,9 @@ impl Synth {
             "capture": show(&std::fs::canonicalize(&file.array)?),
             "capture_bytes": meta.len(),
             "capture_modified": modified.map(|time| time.as_secs()),
+            // What a file held that the description only names.
+            "response": serde_json::to_value(file.recording.response.form())
+                .map_err(|e| Error::Usage(e.to_string()))?,
             "info": serde_json::to_value(&file.recording.info).map_err(|e| Error::Usage(e.to_string()))?,
             "weights_digest": model.digest(),
             "half": self.half,

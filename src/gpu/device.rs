@@ -1,9 +1,10 @@
 //! An open GPU: buffers, pipelines and failures.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use wgpu::{BufferUsages, ErrorFilter, Features, PollType};
+use wgpu::{BufferUsages, ErrorFilter, Features, PollError, PollStatus, PollType};
 
 use super::kernels::WORKGROUP_SIZE;
 use super::variant::{Abilities, Variant};
@@ -104,9 +105,10 @@ impl Gpu {
         self.max_binding().saturating_sub(MAX_ZEROS)
     }
 
-    /// Bytes of the largest buffer that a kernel can use.
+    /// Bytes of the largest buffer that a kernel can use: shaders know lengths of 32 bits.
     fn max_binding(&self) -> u64 {
-        self.adapter.max_binding_bytes.min(self.adapter.max_buffer_bytes)
+        let Adapter { max_binding_bytes, max_buffer_bytes, .. } = *self.adapter;
+        max_binding_bytes.min(max_buffer_bytes).min(u64::from(u32::MAX) & !15)
     }
 
     /// Whether convolutions can be divided in a given way here.
@@ -139,8 +141,20 @@ impl Gpu {
     /// Why the device is gone, if it is, whether or not something has been tried with it.
     pub fn lost(&self) -> Option<String> {
         // A loss is reported while polling.
-        let _ = self.device.poll(PollType::Poll);
+        if self.failures.lost.get().is_none() {
+            let _ = self.poll(PollType::Poll);
+        }
         self.check().err().filter(GpuError::is_lost).map(|error| error.to_string())
+    }
+
+    /// Polls the device; `None` if it is lost. Where the driver says so, and nobody gave the device up, wgpu panics.
+    fn poll(&self, how: PollType) -> Option<Result<PollStatus, PollError>> {
+        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(how)));
+        polled
+            .inspect_err(|_| {
+                let _ = self.failures.lost.set("the driver does not answer any more".into());
+            })
+            .ok()
     }
 
     /// Fails if anything has failed since the device was opened. A lost device comes first, since everything else
@@ -236,23 +250,25 @@ impl Gpu {
 
     /// Waits until `submission` is done.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), GpuError> {
-        let poll = |submission, timeout| {
-            self.device.poll(PollType::Wait { submission_index: Some(submission), timeout })
-        };
+        let poll =
+            |submission, timeout| self.poll(PollType::Wait { submission_index: Some(submission), timeout });
         let waited = match self.results {
             None => poll(submission, None),
             Some(_) => loop {
                 match poll(submission.clone(), Some(Duration::ZERO)) {
-                    Err(wgpu::PollError::Timeout) => std::thread::sleep(GLANCE),
+                    Some(Err(PollError::Timeout)) => std::thread::sleep(GLANCE),
                     done => break done,
                 }
             },
         };
-        if waited.is_err() {
+        if waited.as_ref().is_some_and(Result::is_err) {
             // A loss is reported while polling.
-            let _ = self.device.poll(PollType::Poll);
+            let _ = self.poll(PollType::Poll);
         }
         self.check()?;
-        waited.map(drop).map_err(|error| GpuError::Failed(error.to_string()))
+        match waited {
+            Some(Err(error)) => Err(GpuError::Failed(error.to_string())),
+            _ => Ok(()),
+        }
     }
 }

@@ -94,10 +94,14 @@ impl Model {
         Err(refusal)
     }
 
-    /// Checks that the net was made for `pattern`.
+    /// Checks that the net was made for `pattern`: any, a built-in one that samples alike, or one of that name.
     pub fn check_pattern(&self, pattern: &Pattern) -> Result<()> {
         let made_for = &self.graph.pattern;
-        if made_for == "any" || Pattern::built_in(made_for)?.samples_like(pattern) {
+        let fits = match Pattern::built_in(made_for) {
+            Ok(known) => known.samples_like(pattern),
+            Err(_) => made_for == "any" || *made_for == pattern.name,
+        };
+        if fits {
             return Ok(());
         }
         let name = &self.graph.name;

@@ -10,6 +10,8 @@ use crate::video::{Video, VideoError};
 const SCALE: usize = 2;
 const MARGIN: usize = 12;
 const GAP: usize = 8;
+/// Pixels below which panels are not made smaller.
+const LEAST: usize = 1 << 12;
 
 /// One grey picture of a sheet.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,6 +35,21 @@ impl Panel {
 
     fn height(&self) -> usize {
         self.pixels.len().div_ceil(self.width.max(1))
+    }
+
+    /// Means over blocks of 2×2 pixels.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width.div_ceil(2), self.height().div_ceil(2));
+        let mean = |y: usize, x: usize| {
+            let rows = 2 * y..(2 * y + 2).min(self.height());
+            let block = rows.flat_map(|y| (2 * x..(2 * x + 2).min(self.width)).map(move |x| (y, x)));
+            let (sum, count) = block
+                .filter_map(|(y, x)| self.pixels.get(y * self.width + x))
+                .fold((0, 0), |(sum, count), &pixel| (sum + u32::from(pixel), count + 1));
+            ((sum + count / 2) / count.max(1)) as u8
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| mean(y, x))).collect();
+        Self { width, pixels }
     }
 }
 
@@ -72,8 +89,22 @@ impl ContactSheet {
         self.row(label, panels)
     }
 
-    /// Draws the sheet; an error if it would have no or too many pixels.
+    /// The same sheet with panels half as wide and high.
+    fn halved(&self) -> Self {
+        let half = |(label, panels): &(String, Vec<Panel>)| {
+            (label.clone(), panels.iter().map(Panel::halved).collect())
+        };
+        Self { rows: self.rows.iter().map(half).collect(), ..self.clone() }
+    }
+
+    /// Draws the sheet; an error if it would have no pixels. Panels are made smaller where it would have too many.
     pub fn draw(&self) -> Result<Canvas, VideoError> {
+        let largest = self.rows.iter().flat_map(|(_, panels)| panels).map(|panel| panel.pixels.len()).max();
+        let drawn = self.draw_whole();
+        if drawn.is_err() && largest > Some(LEAST) { self.halved().draw() } else { drawn }
+    }
+
+    fn draw_whole(&self) -> Result<Canvas, VideoError> {
         let size = |n: usize| n.saturating_mul(self.zoom);
         let line = text_height(SCALE);
         let label_width =
@@ -135,6 +166,23 @@ fn places(start: usize, sizes: &[usize]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A sheet of 66,000×66,000 pixels, which comes of two thin panels.
+    #[test]
+    fn panels_that_are_too_large_are_made_smaller() {
+        let panel = |len: usize, width: usize| Panel {
+            width,
+            pixels: (0..len).map(|i| if i < 8 { 200 } else { 40 }).collect(),
+        };
+        let canvas = ContactSheet::new(1).row("", [panel(66_000, 66_000), panel(66_000, 1)]).draw().unwrap();
+        assert_eq!(canvas.height(), 2 * MARGIN + 66_000 / 8);
+        assert_eq!(canvas.width(), 2 * MARGIN + GAP + 66_000 / 8 + GAP + 1);
+        // A mean of eight pixels, in either direction.
+        let grey = |x: usize, y: usize| canvas.pixels()[y * canvas.width() + x][0];
+        let (left, right) = (MARGIN + GAP, MARGIN + GAP + 66_000 / 8 + GAP);
+        assert_eq!([grey(left, MARGIN), grey(left + 1, MARGIN)], [200, 40]);
+        assert_eq!([grey(right, MARGIN), grey(right, MARGIN + 1)], [200, 40]);
+    }
 
     #[test]
     fn panels_are_where_they_belong() {

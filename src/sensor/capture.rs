@@ -216,8 +216,7 @@ impl Capture {
 
     /// Writes `capture.npy` and `capture.json` into `folder`. Returns their paths.
     pub fn write(&self, folder: impl AsRef<Path>) -> Result<[PathBuf; 2]> {
-        let folder = folder.as_ref();
-        let (array, json) = (folder.join(ARRAY), folder.join(ARRAY).with_extension("json"));
+        let [array, json] = Self::files(folder);
         // A response from a file travels inside, so that the capture is complete.
         let info =
             CaptureInfo { response: ResponseSource::Form(self.response.form().clone()), ..self.info.clone() };
@@ -227,6 +226,13 @@ impl Capture {
         write_counts(&array, &[self.frames, self.height, self.width], &self.counts)?;
         atomic::write_bytes(&json, text.as_bytes())?;
         Ok([array, json])
+    }
+
+    /// What [`Capture::write`] writes into a folder: counts and description.
+    pub fn files(folder: impl AsRef<Path>) -> [PathBuf; 2] {
+        let array = folder.as_ref().join(ARRAY);
+        let json = array.with_extension("json");
+        [array, json]
     }
 
     /// Tables for the kernels.

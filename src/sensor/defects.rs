@@ -89,11 +89,15 @@ impl Defects {
         Ok(pixels)
     }
 
+    /// Whether a pixel with this count has no value: it is dead, or the count stands for a missing read-out.
+    pub(super) fn is_none(&self, pixel: usize, count: f64) -> bool {
+        self.dead[pixel] || self.missing.map(f64::from) == Some(count)
+    }
+
     /// Replaces the values [y, x] of a frame that are none. `counts` are those that they were made of, and `before` the
     /// values of the frame before, filled; dark if there is none.
     pub(super) fn fill<C: Copy + Into<f64>>(&self, counts: &[C], values: &mut [f32], before: Option<&[f32]>) {
-        let missing = self.missing.map(f64::from);
-        let is_none = |pixel: usize| self.dead[pixel] || missing == Some(counts[pixel].into());
+        let is_none = |pixel: usize| self.is_none(pixel, counts[pixel].into());
         let none: Vec<usize> = (0..values.len()).filter(|&pixel| is_none(pixel)).collect();
         for &pixel in &none {
             let (y, x) = (pixel / self.width, pixel % self.width);

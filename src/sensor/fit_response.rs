@@ -182,16 +182,27 @@ fn pairs(capture: &Capture) -> Result<Vec<Pair>, SensorError> {
 
     // Mean of each pixel over time, and whether it is static and never saturated.
     let looks = frames.min(LOOKS);
+    let defects = capture.info.defects(&capture.pattern, [height, width])?;
+    let mut seen = vec![0.0f64; height * width];
     let (mut sum, mut squares, mut most) =
         (vec![0.0f64; height * width], vec![0.0f64; height * width], vec![0.0f64; height * width]);
     for look in 0..looks {
         let begin = look * frames / looks * height * width;
         for i in 0..height * width {
-            let y = f64::from(capture.counts.value(begin + i)) / capture.info.white_level;
-            sum[i] += y / looks as f64;
-            squares[i] += y * y / looks as f64;
+            let count = f64::from(capture.counts.value(begin + i));
+            if defects.as_ref().is_some_and(|defects| defects.is_none(i, count)) {
+                continue;
+            }
+            let y = count / capture.info.white_level;
+            seen[i] += 1.0;
+            sum[i] += y;
+            squares[i] += y * y;
             most[i] = most[i].max(y);
         }
+    }
+    for (seen, total) in seen.iter().zip(sum.iter_mut().zip(&mut squares)) {
+        *total.0 /= seen.max(1.0);
+        *total.1 /= seen.max(1.0);
     }
     let usable = |i: usize| most[i] < SATURATED && (squares[i] - sum[i] * sum[i]).max(0.0).sqrt() < STATIC;
 
@@ -201,7 +212,8 @@ fn pairs(capture: &Capture) -> Result<Vec<Pair>, SensorError> {
         for row in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(height) {
             for col in x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(width) {
                 let i = row * width + col;
-                if exposures[i] != kind {
+                // A pixel that is dead or missing throughout says nothing.
+                if exposures[i] != kind || seen[i] == 0.0 {
                     continue;
                 }
                 if !usable(i) {
@@ -258,6 +270,7 @@ mod tests {
     use super::*;
     use crate::sensor::{Pattern, Response, Sampler};
     use crate::video::Video;
+    use crate::video::npy::Counts;
 
     /// A static scene whose smooth parts go from dark to bright.
     fn scene() -> Video {
@@ -292,6 +305,26 @@ mod tests {
             let off = ratio(y) / ratio(0.5);
             assert!((0.93..1.07).contains(&off), "at {y}: {off}");
         }
+    }
+
+    /// Dead pixels and missing read-outs say nothing of the response.
+    #[test]
+    fn values_that_are_none_are_left_out() {
+        let sound = capture(Form::Linear, 0.0);
+        let expected = fit_response(&sound).unwrap();
+        let mut broken = sound.clone();
+        let Counts::U16(counts) = &mut broken.counts else { panic!("the simulator writes 16 bits") };
+        for (i, count) in counts.iter_mut().enumerate() {
+            let pixel = i % (96 * 96);
+            if pixel == 40 * 96 + 40 || (i * 2_654_435_761 % 211) == 0 {
+                *count = 65535;
+            }
+        }
+        broken.info.dead_pixels = vec![[40, 40]];
+        broken.info.missing_count = Some(65535);
+        let fit = fit_response(&broken).unwrap();
+        assert!(fit.pairs * 10 > expected.pairs * 9, "{} of {} pairs", fit.pairs, expected.pairs);
+        assert!((fit.difference[1] - expected.difference[1]).abs() < 0.002, "{:?}", fit.difference);
     }
 
     #[test]

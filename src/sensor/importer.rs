@@ -60,6 +60,35 @@ impl RatioCheck {
     }
 }
 
+/// Least part of white that the brightest pixels of a recording are expected to reach.
+const BRIGHT: f32 = 0.125;
+
+/// What black and white level seem to be wrong with: no pixel gets far from black, or most are at white.
+pub fn check_levels(capture: &Capture) -> Option<String> {
+    let mut values = vec![0.0; capture.height * capture.width];
+    let (mut most, mut white, mut all) = (0.0f32, 0usize, 0usize);
+    for t in 0..capture.frames {
+        capture.pixel_values(t, &mut values);
+        most = values.iter().copied().fold(most, f32::max);
+        white += values.iter().filter(|y| **y >= 1.0).count();
+        all += values.len();
+    }
+    let levels = format!(
+        "are black level {} and white level {} right?",
+        capture.info.black_level, capture.info.white_level
+    );
+    if most < BRIGHT {
+        Some(format!("no pixel gets beyond {:.1}% of white: {levels}", 100.0 * most))
+    } else if 2 * white > all {
+        Some(format!(
+            "{:.0}% of the pixels are at white or above: {levels}",
+            100.0 * white as f64 / all as f64
+        ))
+    } else {
+        None
+    }
+}
+
 /// Compares neighbouring static pixels of different exposure; `None` where there are too few of them.
 pub fn check_exposure_ratio(capture: &Capture) -> Option<RatioCheck> {
     let Capture { frames, height, width, .. } = *capture;
@@ -133,6 +162,16 @@ mod tests {
         capture.counts = sampler.sample(&scene()).unwrap().counts;
         let check = check_exposure_ratio(&capture).unwrap();
         assert!(check.warning().is_some(), "{check:?}");
+    }
+
+    #[test]
+    fn wrong_levels_are_named() {
+        let mut capture = camera().sample(&scene()).unwrap();
+        assert_eq!(check_levels(&capture), None);
+        capture.info.white_level = 65535.0;
+        assert!(check_levels(&capture).unwrap().contains("white level 65535"));
+        capture.info.white_level = 60.0;
+        assert!(check_levels(&capture).unwrap().contains("at white or above"));
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use calibration::Calibration;
 pub use capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
 pub use defects::Defects;
 pub use fit_response::{ResponseFit, fit_response};
-pub use importer::{RatioCheck, check_exposure_ratio, hold_to_covering};
+pub use importer::{RatioCheck, check_exposure_ratio, check_levels, hold_to_covering};
 pub use pattern::{Cell, Pattern, Readout, Shutter};
 pub use recording::{CaptureFile, FrameSource, Recording};
 pub use response::{Form, Response};

@@ -52,7 +52,7 @@ impl Response {
     }
 
     /// Reads a measured response: CSV with two columns, exposure (any unit) and pixel value (any unit), rising.
-    /// A first row of words is a heading. The first row is x = 0, the last one saturation.
+    /// A first row that does not begin with a number is a heading. The first row is x = 0, the last one saturation.
     pub fn read_form(path: impl AsRef<Path>) -> Result<Form> {
         let path = path.as_ref();
         Self::parse_form(&super::read_text(path).at(path)?).at(path)
@@ -61,15 +61,18 @@ impl Response {
     /// As [`Response::read_form`], from text.
     pub fn parse_form(text: &str) -> Result<Form, SensorError> {
         let mut rows: Vec<(usize, f64, f64)> = Vec::new();
+        let mut begun = false;
         for (index, line) in text.lines().enumerate() {
             let line = line.trim();
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            let mut fields = line.split([',', ';', '\t']).map(|field| field.trim().parse::<f64>());
+            let fields = line.split([',', ';', '\t', ' ']).filter(|field| !field.is_empty());
+            let mut fields = fields.map(str::parse::<f64>);
+            let is_first = !std::mem::replace(&mut begun, true);
             match (fields.next(), fields.next()) {
                 (Some(Ok(x)), Some(Ok(y))) if x.is_finite() && y.is_finite() => rows.push((index + 1, x, y)),
-                _ if rows.is_empty() => {} // heading
+                (Some(Err(_)), _) if is_first => {} // heading
                 _ => {
                     return Err(SensorError::Response(format!(
                         "row {}: '{line}' is not two numbers",
@@ -214,6 +217,16 @@ mod tests {
             assert_eq!(response.exposure(1.0), 2.0);
             assert_eq!(response.exposure(3.0), 2.0);
             assert_eq!(response.value(-1.0), 0.0);
+        }
+    }
+
+    #[test]
+    fn only_the_first_row_may_be_a_heading() {
+        let table = Response::parse_form("# camera 3\n\nexposure value\n0 1\n2\t40\n 8   250\n").unwrap();
+        assert_eq!(table, Response::parse_form("0,1\n2,40\n8,250\n").unwrap());
+        for (text, row) in [("x,y\n0,n/a\n1,40\n2,60\n", "row 2"), ("0,n/a\n1,40\n2,60\n", "row 1")] {
+            let error = Response::parse_form(text).unwrap_err().to_string();
+            assert!(error.contains(row), "{error}");
         }
     }
 

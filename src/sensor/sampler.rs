@@ -104,8 +104,8 @@ impl Sampler {
         let x = if full_well_e.is_finite() {
             let per_x = full_well_e / self.response.saturation();
             let expected = x * per_x;
-            // A mean of 0 has no Poisson distribution in the library's terms, and no electrons.
-            let shot = Poisson::new(expected).map_or(0.0, |poisson| poisson.sample(rng));
+            // There is no Poisson distribution of mean 0, and none of so many electrons that their noise is nothing.
+            let shot = Poisson::new(expected).map_or(expected, |poisson| poisson.sample(rng));
             let read = Normal::new(0.0, read_noise_e).map_or(0.0, |normal| normal.sample(rng));
             (shot + read) / per_x
         } else {
@@ -116,7 +116,7 @@ impl Sampler {
     }
 
     /// Samples a video of irradiance p. Every read-out has one noise draw, from a random stream of its own row
-    /// and end, so that neither threads nor the cutting of the video change it.
+    /// and end, so that threads do not change it.
     pub fn sample(&self, video: &Video) -> Result<Capture> {
         if !(1..=16).contains(&self.bit_depth) {
             return Err(SensorError::Capture(format!("a bit depth of {}", self.bit_depth)).into());

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 
 use super::windows;
@@ -78,9 +79,9 @@ impl<'a> Footage<'a> {
     }
 
     /// Forgets frames before schedule time `t`, but for those of the last period, which stand in behind the end.
-    /// Frames that have not arrived yet are waited for.
-    pub fn forget_before(&mut self, t: i64) -> Result<()> {
-        while self.start + (self.first as i64) < t {
+    /// Frames that have not arrived yet are waited for, until the run is to `stop`.
+    pub fn forget_before(&mut self, t: i64, stop: &AtomicBool) -> Result<()> {
+        while self.start + (self.first as i64) < t && !stop.load(Ordering::Relaxed) {
             self.wait(self.first + self.calibration.period + 1)?;
             if self.known.len() <= self.calibration.period {
                 break;
@@ -104,5 +105,40 @@ impl Seen<'_> {
     /// The frame at schedule time `t`.
     pub fn at(&self, t: i64) -> &Frame {
         &self.frames[(t - self.first) as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::sync_channel;
+
+    use super::*;
+    use crate::sensor::{Form, Pattern, Response};
+
+    /// A result that is gone on with needs no frame from far before it, however many there are.
+    #[test]
+    fn what_lies_before_is_forgotten_as_it_arrives() {
+        let pattern = Pattern::built_in("mpve-1-4").unwrap();
+        let calibration = Calibration::new(&pattern, &Response::new(Form::Linear, 2.0).unwrap());
+        let footage = |frames: usize| {
+            let (send, arriving) = sync_channel(frames);
+            (0..frames).for_each(|t| send.send(Ok(vec![t as f32])).unwrap());
+            Footage::new(arriving, &calibration, -3)
+        };
+        let go_on = AtomicBool::new(false);
+        let mut long = footage(5000);
+        long.forget_before(4000, &go_on).unwrap();
+        assert!(long.known.len() <= calibration.period + 1, "{} frames are in memory", long.known.len());
+        assert_eq!(long.frame(4000).unwrap()[0], 4003.0);
+        // The last period stays, since it stands in behind the end.
+        let mut short = footage(20);
+        short.forget_before(4000, &go_on).unwrap();
+        assert!(!short.holds(4000).unwrap());
+        let stand_in = windows::stand_in(&calibration, -3, 20, 4000);
+        assert_eq!(short.frame(4000).unwrap()[0], stand_in as f32);
+        // A run that is to stop waits for nothing.
+        let mut stopped = footage(20);
+        stopped.forget_before(4000, &AtomicBool::new(true)).unwrap();
+        assert_eq!(stopped.arrived(), 0);
     }
 }

@@ -47,16 +47,18 @@ pub struct Layout {
 
 impl Layout {
     /// For windows of `model`, whole ones cut by `grid` and others by `cut`.
-    pub fn new(model: &Model, cut: Cut, cells: &Cells, grid: &Grid) -> Result<Self> {
+    pub fn new(model: &Model, mut cut: Cut, cells: &Cells, grid: &Grid) -> Result<Self> {
         let cell = cells.size;
         // No tile is larger than the grid's, which fit into memory.
-        let most = |axis: usize, stretches: &[Stretch], whole: usize| {
-            let longest = stretches.iter().map(|stretch| stretch.outer_len).max().unwrap_or(whole);
+        let longest = |stretches: &[Stretch]| stretches.iter().map(|s| s.outer_len).max();
+        cut.longest = [&grid.rows, &grid.cols].map(|stretches| longest(stretches).unwrap_or(usize::MAX));
+        let most = |axis: usize, whole: usize| {
+            let longest = cut.longest[axis].min(whole);
             let kept = longest.saturating_sub(2 * cut.halo[axis]);
             // Lengths are rounded up by a quarter at most.
             if longest == whole { usize::MAX } else { (kept * 4 / 5 / cell[axis + 1]).max(1) }
         };
-        let most = [most(0, &grid.rows, grid.height), most(1, &grid.cols, grid.width)];
+        let most = [most(0, grid.height), most(1, grid.width)];
         Ok(Self { overlap: overlap(model, cells)?, cut, hop: cells.hop(), cell, grid: grid.clone(), most })
     }
 

@@ -53,8 +53,8 @@ pub struct Submitted {
 pub struct Done {
     /// Frames delivered.
     pub frames: usize,
-    /// Time from one finished window to the next.
-    pub window_times: Vec<Duration>,
+    /// Time from one finished window to the next, for each frame of it that was delivered.
+    pub frame_times: Vec<Duration>,
     /// Time in which executors computed or were waited for.
     pub inference: Duration,
     /// Kept results against those that were computed anew.
@@ -177,9 +177,10 @@ impl<'a> Line<'a> {
             Some(Event::Window(window)) => {
                 let Some(mut result) = self.results.pop_front() else { return Ok(()) };
                 self.merge(&window, &mut result);
+                let delivered = u32::try_from(window.wanted.end - window.wanted.start).unwrap_or(0);
                 self.deliver(window, &result)?;
                 self.free.push(result);
-                self.done.window_times.push(self.finished.elapsed());
+                self.done.frame_times.extend(self.finished.elapsed().checked_div(delivered));
                 self.finished = Instant::now();
                 Ok(())
             }

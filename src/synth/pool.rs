@@ -5,10 +5,11 @@ use std::collections::HashMap;
 use super::Backend;
 use super::ensemble::Ensemble;
 use super::tiles::Limits;
-use crate::Result;
 use crate::cpu::Shared;
+use crate::gpu::GpuError;
 use crate::network::{Executor, Model, Window};
 use crate::sensor::{Calibration, Symmetry};
+use crate::{Error, Result};
 
 /// Result frames, rows and columns of a window.
 pub type Size = [usize; 3];
@@ -22,6 +23,8 @@ pub struct Pool {
     entries: HashMap<Size, Entry>,
     /// Counts uses.
     clock: u64,
+    /// The most frequent size.
+    described: Option<Size>,
     limits: Limits,
     /// The size of windows that mostly follow each other.
     streams: Option<Size>,
@@ -67,6 +70,7 @@ impl Pool {
             calibration: calibration.clone(),
             entries: HashMap::new(),
             clock: 0,
+            described: None,
             limits: backend.limits(None),
             streams,
             views,
@@ -75,8 +79,8 @@ impl Pool {
         }
     }
 
-    /// The executor for windows of `size`, made if there is none, and `tuned` then.
-    fn prepare(&mut self, size: Size, tuned: bool) -> Result<&mut Entry> {
+    /// The executor for windows of `size`, made if there is none.
+    fn prepare(&mut self, size: Size) -> Result<&mut Entry> {
         self.clock += 1;
         if !self.entries.contains_key(&size) {
             let [hop, height, width] = size;
@@ -84,12 +88,19 @@ impl Pool {
             let plan = self.limits.plan(&model, [height, width], self.streams == Some(size))?;
             let (bytes, flop) = (plan.slot_bytes(size_of::<f32>()) as u64, plan.flop());
             let flop = flop * self.views.len() as f64;
-            while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total {
-                let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
-                let Some((&oldest, _)) = idle.min_by_key(|(_, entry)| entry.used) else { break };
-                self.entries.remove(&oldest);
-            }
-            let executor = self.backend.executor_sharing(plan, &self.calibration, tuned, &self.shared)?;
+            while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total
+                && self.drop_oldest()
+            {}
+            let tuned = self.described == Some(size);
+            let executor = loop {
+                let made =
+                    self.backend.executor_sharing(plan.clone(), &self.calibration, tuned, &self.shared);
+                match made {
+                    // How much memory there is, a GPU does not say before.
+                    Err(Error::Gpu(GpuError::OutOfMemory { .. })) if self.drop_oldest() => {}
+                    made => break made?,
+                }
+            };
             let window = model.graph.window;
             let executor = Ensemble::over(executor, &self.views, window, [height, width], &self.calibration);
             self.entries.insert(size, Entry { executor, waiting: 0, bytes, flop, used: 0 });
@@ -99,10 +110,18 @@ impl Pool {
         Ok(entry)
     }
 
-    /// Makes the executor for windows of `size`, the most frequent one, and says in words what it is, and how many
+    /// Forgets the executor that was not used for longest, of those that compute nothing; false if there is none.
+    fn drop_oldest(&mut self) -> bool {
+        let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
+        let oldest = idle.min_by_key(|(_, entry)| entry.used).map(|(&size, _)| size);
+        oldest.is_some_and(|size| self.entries.remove(&size).is_some())
+    }
+
+    /// Makes the executor for windows of `size`, the most frequent one, tuned, and says in words what it is, and how many
     /// operations such a window takes.
     pub fn describe(&mut self, size: Size) -> Result<(String, f64)> {
-        let Entry { executor, flop, .. } = self.prepare(size, true)?;
+        self.described = Some(size);
+        let Entry { executor, flop, .. } = self.prepare(size)?;
         Ok((executor.describe(), *flop))
     }
 
@@ -121,7 +140,7 @@ impl Pool {
         schedule: i64,
     ) -> Result<usize> {
         let before = self.last.replace((size, place, schedule));
-        let entry = self.prepare(size, false)?;
+        let entry = self.prepare(size)?;
         if before == Some((size, place, schedule - size[0] as i64)) {
             entry.executor.follow(measurement, schedule)?;
         } else {
@@ -146,9 +165,16 @@ impl Pool {
         self.entries.clear();
     }
 
-    /// Forgets all windows that were not collected, with their executors.
+    /// Forgets all windows that were not collected, and executors that cannot give them.
     pub fn reset(&mut self) {
         self.last = None;
-        self.entries.retain(|_, entry| entry.waiting == 0);
+        let mut unwanted = Vec::new();
+        self.entries.retain(|size, entry| {
+            unwanted.resize(size.iter().product(), 0.0);
+            while entry.waiting > 0 && entry.executor.collect(&mut unwanted).is_ok() {
+                entry.waiting -= 1;
+            }
+            entry.waiting == 0
+        });
     }
 }

@@ -13,10 +13,8 @@ pub struct Report {
     pub windows: usize,
     /// Tiles per window, where all of it is computed.
     pub tiles: usize,
-    /// Time from one finished window to the next, everything included.
-    pub window_times: Vec<Duration>,
-    /// Result frames per window.
-    pub hop: usize,
+    /// Time from one finished window to the next, everything included, for each result frame of it that was delivered.
+    pub frame_times: Vec<Duration>,
     /// The executor, in words.
     pub executor: String,
     /// Operations of the convolutions per result frame, where all of it is computed.
@@ -110,12 +108,12 @@ impl Report {
         self.quantile_ms(0.5)
     }
 
-    /// A quantile of the windows' times per result frame, in milliseconds.
+    /// A quantile over windows of the time per result frame, in milliseconds.
     pub fn quantile_ms(&self, quantile: f64) -> f64 {
-        let mut times = self.window_times.clone();
+        let mut times = self.frame_times.clone();
         times.sort_unstable();
         let index = ((times.len() as f64 * quantile) as usize).min(times.len().saturating_sub(1));
-        times.get(index).map_or(0.0, |time| 1e3 * time.as_secs_f64() / self.hop as f64)
+        times.get(index).map_or(0.0, |time| 1e3 * time.as_secs_f64())
     }
 
     /// Mean time per result frame in milliseconds, from the first frame read to the last one delivered.

@@ -276,12 +276,13 @@ impl Synthesizer {
         let mut line = Line::new(pool, (cells, grid, *window), *extent, start, keeps, deliver);
         for k in gate.from().. {
             let begin = k * window.hop as i64;
+            let times = windows::seen(*window, k);
+            let first = times.start - gate.before();
+            // What lies before a result that is gone on with is forgotten as it arrives.
+            footage.forget_before(first, stop)?;
             if stop.load(Ordering::Relaxed) || !footage.holds(begin.max(start))? {
                 break;
             }
-            let times = windows::seen(*window, k);
-            let first = times.start - gate.before();
-            footage.forget_before(first)?;
             let frames = (first..times.end).map(|t| footage.frame(t)).collect::<Result<Vec<_>>>()?;
             let seen = Seen { first, frames: &frames };
             let recorded = footage.recorded(begin..begin + window.hop as i64)?;
@@ -308,7 +309,7 @@ impl Synthesizer {
             line.submit(tiles, &seen, Submitted { begin, wanted, choice })?;
         }
         line.drain()?;
-        let Done { frames, window_times, inference, audit } = line.done;
+        let Done { frames, frame_times, inference, audit } = line.done;
         if let Some(skipped) = &mut skipped {
             skipped.work /= f64::from(count.max(1));
             skipped.audit = audit;
@@ -317,8 +318,7 @@ impl Synthesizer {
             frames,
             windows: count as usize,
             tiles: grid.tiles().count(),
-            window_times,
-            hop: window.hop,
+            frame_times,
             executor: self.executor.clone(),
             flop_per_frame: self.flop,
             wall: Duration::ZERO,

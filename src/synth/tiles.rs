@@ -118,12 +118,6 @@ impl Grid {
     pub fn tiles(&self) -> impl Iterator<Item = (Stretch, Stretch)> + '_ {
         self.rows.iter().flat_map(|&row| self.cols.iter().map(move |&col| (row, col)))
     }
-
-    /// Pixels that are computed per pixel that is kept.
-    pub fn overhead(&self) -> f64 {
-        let outer = |stretches: &[Stretch]| stretches.iter().map(|s| s.outer_len).sum::<usize>() as f64;
-        outer(&self.rows) / self.height as f64 * (outer(&self.cols) / self.width as f64)
-    }
 }
 
 /// Where a frame may be cut, and how much a tile must see beyond what it keeps.
@@ -135,6 +129,8 @@ pub struct Cut {
     pub halo: [usize; 2],
     /// Whether a new length costs much, since shaders are compiled for it: then lengths are rounded up to few.
     pub few_lengths: bool,
+    /// Lengths that are not exceeded for that alone.
+    pub longest: [usize; 2],
 }
 
 impl Cut {
@@ -144,7 +140,7 @@ impl Cut {
         let unit = [crate::math::lcm(gy, calibration.rows), crate::math::lcm(gx, calibration.cols)];
         let [_, ry, rx] = graph.reach()?;
         let halo = [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])];
-        Ok(Self { unit, halo, few_lengths })
+        Ok(Self { unit, halo, few_lengths, longest: [usize::MAX; 2] })
     }
 
     /// With what results depend on noticeably, which was measured (docs/skipping.md). Through layer after layer,
@@ -163,7 +159,9 @@ impl Cut {
         let (halo, unit) = (self.halo[axis], self.unit[axis]);
         let first = kept.start.saturating_sub(halo) / unit * unit;
         let end = (kept.end + halo).next_multiple_of(unit).min(len);
-        let outer_len = if self.few_lengths { round_up(end - first, unit).min(len) } else { end - first };
+        let least = end - first;
+        let few = || round_up(least, unit).min(self.longest[axis]).min(len).max(least);
+        let outer_len = if self.few_lengths { few() } else { least };
         let outer_start = first.min(len - outer_len);
         Stretch { start: kept.start, len: kept.len(), outer_start, outer_len }
     }
@@ -203,7 +201,7 @@ mod tests {
 
     #[test]
     fn a_placed_stretch_sees_all_that_it_needs() {
-        let cut = |few_lengths| Cut { unit: [2, 4], halo: [14, 28], few_lengths };
+        let cut = |few_lengths| Cut { unit: [2, 4], halo: [14, 28], few_lengths, longest: [usize::MAX; 2] };
         for (axis, cut) in [(0, cut(false)), (1, cut(false)), (0, cut(true)), (1, cut(true))] {
             let (unit, len) = (cut.unit[axis], 240);
             for start in (0..len).step_by(8) {

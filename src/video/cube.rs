@@ -53,20 +53,38 @@ impl Video {
     }
 
     /// Normalises to the anchor: divides by the 99th percentile and clips to 1 (paper eq. 11). Returns the
-    /// anchor; a black video keeps its values and has anchor 1.
+    /// anchor: where nearly everything is black, that of the pixels that are not; 1 of a black video.
     pub fn normalise(&mut self) -> f32 {
-        let mut sorted = self.data.clone();
-        let anchor = match sorted.len() {
-            0 => 1.0,
-            n => {
-                let rank = (n - 1) * 99 / 100;
-                *sorted.select_nth_unstable_by(rank, f32::total_cmp).1
-            }
+        let percentile = |mut values: Vec<f32>| match values.len() {
+            0 => None,
+            n => Some(*values.select_nth_unstable_by((n - 1) * 99 / 100, f32::total_cmp).1),
         };
-        let anchor = if anchor > 0.0 { anchor } else { 1.0 };
+        let all = percentile(self.data.clone()).filter(|anchor| *anchor > 0.0);
+        let lit = || percentile(self.data.iter().copied().filter(|value| *value > 0.0).collect());
+        let anchor = all.or_else(lit).unwrap_or(1.0);
         for value in &mut self.data {
             *value = (*value / anchor).min(1.0);
         }
         anchor
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_anchor_is_that_of_what_is_lit() {
+        let normalised = |data: Vec<f32>| {
+            let mut video = Video::new(1, 10, 100, data).unwrap();
+            (video.normalise(), video)
+        };
+        let (anchor, ramp) = normalised((0..1000).map(|i| i as f32).collect());
+        assert_eq!((anchor, ramp.data[494], ramp.data[999]), (989.0, 494.0 / 989.0, 1.0));
+        // Nine stars on a black sky.
+        let sky: Vec<f32> = (0..1000).map(|i| if i < 9 { 100.0 * i as f32 + 100.0 } else { 0.0 }).collect();
+        let (anchor, sky) = normalised(sky);
+        assert_eq!((anchor, sky.data[3], sky.data[8]), (800.0, 0.5, 1.0));
+        assert_eq!(normalised(vec![0.0; 1000]).0, 1.0);
     }
 }

@@ -18,7 +18,7 @@ pub use crate::math::tone;
 pub use cube::Video;
 pub use folder::Pictures;
 pub use preview::PreviewWriter;
-pub use writer::{VideoWriter, Writing};
+pub use writer::{VideoWriter, Writing, check_free};
 
 use crate::{At, Error, Result};
 

@@ -399,7 +399,8 @@ impl Kind {
         match Self::ALL.into_iter().find(|(_, name)| *name == plain) {
             Some((kind, _)) => Ok(kind),
             None if descr.starts_with('>') => {
-                Err(format!("holds big-endian numbers ('{descr}'); convert it with .astype('<f4')"))
+                let native = descr.replacen('>', "<", 1);
+                Err(format!("holds big-endian numbers ('{descr}'); convert it with .astype('{native}')"))
             }
             None => Err(format!("holds numbers of type '{descr}'; u8, u16, f16, f32 or f64 can be used")),
         }

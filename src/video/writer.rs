@@ -13,7 +13,7 @@ use crate::{At, Error, Result};
 pub struct Writing {
     /// Half instead of single precision; values above 65504 become 65504.
     pub half: bool,
-    /// Whether a folder of pictures that is already there is replaced. Single files are.
+    /// Whether what is there already is replaced: a file, or a folder of pictures.
     pub overwrite: bool,
     /// Duration of a frame, noted in EXR files.
     pub frame_period_ms: Option<f64>,
@@ -34,6 +34,15 @@ impl Writing {
     }
 }
 
+/// Refuses a file that is there, unless it may be replaced.
+pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
+    if path.exists() && !overwrite {
+        let problem = "is already there; choose another name or allow it to be overwritten";
+        return Err(Error::Usage(problem.into())).at(path);
+    }
+    Ok(())
+}
+
 /// A video being written. It appears under its name when it is finished; dropped before, nothing of it stays.
 #[derive(Debug)]
 pub struct VideoWriter(Kind);
@@ -52,8 +61,12 @@ impl VideoWriter {
     pub fn begin(path: impl AsRef<Path>, extents: [usize; 3], how: Writing) -> Result<Self> {
         let path = path.as_ref();
         let kind = match extension(path).as_str() {
-            "npy" => Kind::Npy(NpyWriter::begin(path, extents, how.half)?),
+            "npy" => {
+                check_free(path, how.overwrite)?;
+                Kind::Npy(NpyWriter::begin(path, extents, how.half)?)
+            }
             "exr" if extents[0] == 1 => {
+                check_free(path, how.overwrite)?;
                 Kind::Picture { path: path.to_owned(), extents, how: how.plane(), frame: None }
             }
             "exr" => {
@@ -79,7 +92,10 @@ impl VideoWriter {
         let path = path.as_ref();
         let partial = Self::partial(path);
         match extension(path).as_str() {
-            "npy" => Ok(Self(Kind::Npy(NpyWriter::go_on(path, extents, how.half, &partial)?))),
+            "npy" => {
+                check_free(path, how.overwrite)?;
+                Ok(Self(Kind::Npy(NpyWriter::go_on(path, extents, how.half, &partial)?)))
+            }
             "" => {
                 let writer = FolderWriter::go_on(path, extents, how.overwrite, how.plane(), &partial)?;
                 Ok(Self(Kind::Folder(writer)))

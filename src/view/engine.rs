@@ -401,7 +401,13 @@ impl Worker {
                     lock(&self.status).notice = Some(format!("{error}; the engine was built anew"));
                     continue;
                 }
-                Err(error) => self.say(Phase::Failed(error.to_string())),
+                Err(error) => {
+                    if matches!(error, Error::Gpu(_)) {
+                        // What has failed once is not used for the next source, or after the next seek.
+                        (self.backend, self.synthesizer) = (None, None);
+                    }
+                    self.say(Phase::Failed(error.to_string()));
+                }
                 Ok(()) => self.say(Phase::Finished),
             }
             let (mailbox, arrived) = &*self.mailbox;

@@ -20,7 +20,7 @@ pub enum Picture {
     Ours,
     /// Ground truth.
     Truth,
-    /// Ours less truth; where there is no truth, ours less the box filter.
+    /// Ours less truth.
     Difference,
     /// The box filter less truth.
     FilteredDifference,
