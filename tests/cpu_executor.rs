@@ -249,7 +249,7 @@ fn pieces_change_nothing() {
         for bytes in [1, 10_000, 200_000] {
             let plan = Plan::in_pieces(&model, height, width, bytes).unwrap();
             let name = &plan.name;
-            let blends = ["kernels", "stream", "tiny", "fast"].contains(&name.as_str());
+            let blends = ["kernels", "stream", "tiny", "fast", "paper-narrow"].contains(&name.as_str());
             if bytes == 1 && blends {
                 assert!(plan.steps.len() > 2 * whole.steps.len(), "{name} is not cut");
                 let less = plan.slot_bytes(4) < whole.slot_bytes(4);
@@ -290,7 +290,7 @@ fn a_window_that_follows_computes_what_is_new_and_the_same() {
         let [_, y, x] = model.graph.granularity().unwrap();
         (model, [2 * y, 2 * x])
     };
-    let nets = [(model(STREAM, 8), [28, 24]), preset("tiny"), preset("fast")];
+    let nets = [(model(STREAM, 8), [28, 24]), preset("tiny"), preset("fast"), preset("paper-narrow")];
     for ((model, [height, width]), bytes) in
         nets.into_iter().flat_map(|net| [1, 10_000, usize::MAX].map(|bytes| (net.clone(), bytes)))
     {

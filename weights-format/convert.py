@@ -20,17 +20,13 @@ def main(arguments=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--graph", type=Path, help="layer graph to store, where training had another window")
     parser.add_argument("--f16", action="store_true", help="store F16 instead of F32")
     args = parser.parse_args(arguments)
     try:
         state = load_checkpoint(args.checkpoint)
         provenance = json.loads(state["provenance"])
         net = net_from_checkpoint(state)
-        graph = json.loads(args.graph.read_text()) if args.graph else None
-        if graph and {**graph, "window": 0} != {**net.graph, "window": 0}:
-            raise ValueError(f"{args.graph} differs in more than its window")
-        write_weights(args.out, net, graph, response=json.loads(state["response"]), provenance=provenance, half=args.f16)
+        write_weights(args.out, net, response=json.loads(state["response"]), provenance=provenance, half=args.f16)
     except (OSError, ValueError, RuntimeError) as error:
         print(f"convert: {args.checkpoint}: {error}", file=sys.stderr)
         return 1

@@ -26,12 +26,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "training"))
 from pix2hdr_training import presets  # noqa: E402
 from pix2hdr_training.export import canonical, net_from_weights, write_atomically, write_weights  # noqa: E402
 from pix2hdr_training.graph import GraphNet  # noqa: E402
-from pix2hdr_training.layout import granularity, shapes  # noqa: E402
+from pix2hdr_training.layout import FEATURE_CHANNELS, granularity, shapes  # noqa: E402
 from pix2hdr_training.pattern import ExposureTable, exposure_table  # noqa: E402
 from pix2hdr_training.presets import conv  # noqa: E402
 from pix2hdr_training.response import InverseResponse  # noqa: E402
 
-ALL_CHANNELS = ["measurement", "log_irradiance", "log_estimate", "saturated", "log_exposure"]
 LEAKY = {"leaky_relu": 0.2}
 ESTIMATE = {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]}
 
@@ -88,7 +87,7 @@ def convolution_cases() -> list[Case]:
         nodes.append(conv("y", nodes[-1]["name"], *args, **more))
         cases.append(Case(name, graph_of(name, nodes, frames), height, width))
 
-    five, three, one = ALL_CHANNELS, ALL_CHANNELS[:3], ALL_CHANNELS[:1]
+    five, three, one = FEATURE_CHANNELS, FEATURE_CHANNELS[:3], FEATURE_CHANNELS[:1]
     case("conv_k1", 3, 5, 7, five, 3, (1, 1, 1))
     case("conv_k3", 5, 7, 11, five, 7, (3, 3, 3))
     case("conv_k7", 5, 7, 11, one, 3, (7, 7, 7))
@@ -102,7 +101,7 @@ def convolution_cases() -> list[Case]:
     case("conv_k7_s211", 5, 5, 3, one, 2, (7, 7, 7), stride=(2, 1, 1))
     case("conv_one_frame_many_channels", 4, 10, 14, three, 37, (1, 3, 3), block=(4, 2, 2))
     case("conv_many_channels", 4, 6, 10, three, 17, (3, 3, 3), block=(2, 2, 2))
-    case("conv_c16_to_c32", 4, 10, 14, ALL_CHANNELS[:1], 32, (1, 3, 3), block=(4, 2, 2), activation=LEAKY)
+    case("conv_c16_to_c32", 4, 10, 14, FEATURE_CHANNELS[:1], 32, (1, 3, 3), block=(4, 2, 2), activation=LEAKY)
     case("conv_sigmoid", 3, 5, 7, five, 3, (3, 3, 3), activation="sigmoid")
     case("conv_leaky_relu", 3, 5, 7, five, 6, (3, 3, 3), activation=LEAKY)
     case("conv_leaky_relu_small", 3, 5, 7, five, 5, (1, 3, 3), activation={"leaky_relu": 0.01})
@@ -149,16 +148,16 @@ def other_cases() -> list[Case]:
     case("box_estimate_two_rows", [ESTIMATE], 2, 2, 2)
     case("box_estimate_mpve_1_16", [ESTIMATE], 3, 5, 9, "mpve-1-16", table=exposure_table("mpve-1-16"))
     case("box_estimate_time_varying", [ESTIMATE], 7, 5, 7, **varying)
-    case("features_all", features(ALL_CHANNELS), 3, 5, 7)
+    case("features_all", features(FEATURE_CHANNELS), 3, 5, 7)
     case("features_measurement", features(["measurement"]), 2, 3, 5)
-    case("features_fold", features(ALL_CHANNELS, (2, 2, 3)), 4, 6, 9)
+    case("features_fold", features(FEATURE_CHANNELS, (2, 2, 3)), 4, 6, 9)
     case("features_fold_order", features(["log_exposure", "measurement"], (3, 1, 2)), 6, 5, 6)
-    case("features_curved", features(ALL_CHANNELS, (1, 2, 4)), 2, 4, 8, curved=True)
-    case("features_time_varying", features(ALL_CHANNELS, (4, 1, 1)), 4, 5, 7, **varying)
+    case("features_curved", features(FEATURE_CHANNELS, (1, 2, 4)), 2, 4, 8, curved=True)
+    case("features_time_varying", features(FEATURE_CHANNELS, (4, 1, 1)), 4, 5, 7, **varying)
     case(
         "concat",
         [
-            *features(ALL_CHANNELS[:2], (1, 1, 2)),
+            *features(FEATURE_CHANNELS[:2], (1, 1, 2)),
             conv("a", "features", 8, (1, 3, 3), activation=LEAKY),
             conv("b", "a", 3, (3, 3, 3)),
             {"name": "y", "op": "concat", "inputs": ["features", "a", "b"]},
@@ -168,14 +167,14 @@ def other_cases() -> list[Case]:
     case(
         "concat_conv",
         [
-            *features(ALL_CHANNELS[:2], (1, 1, 2)),
+            *features(FEATURE_CHANNELS[:2], (1, 1, 2)),
             conv("a", "features", 5, (1, 3, 3), activation=LEAKY),
             {"name": "both", "op": "concat", "inputs": ["features", "a"]},
             conv("y", "both", 6, (3, 3, 3)),
         ],
         3, 5, 14,
     )  # fmt: skip
-    ldr = [*features(ALL_CHANNELS[:3]), conv("ldr", "features", 3, (3, 3, 3), activation="sigmoid")]
+    ldr = [*features(FEATURE_CHANNELS[:3]), conv("ldr", "features", 3, (3, 3, 3), activation="sigmoid")]
     inverse = {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": [2, 4, 8]}
     case("inverse_response", [*ldr, inverse], 3, 5, 7)
     case("inverse_response_curved", [*ldr, inverse], 3, 5, 7, curved=True)
@@ -188,7 +187,7 @@ def other_cases() -> list[Case]:
     fuse = {"name": "y", "op": "fuse", "inputs": ["weights", "irradiance"]}
     case("fuse", [*ldr, inverse, weights, fuse], 3, 5, 7)
     case("fuse_curved", [*ldr, inverse, weights, fuse], 3, 5, 7, curved=True, gain=2.0)
-    near = features(ALL_CHANNELS, (1, 2, 4), neighbours=(-3, 1))
+    near = features(FEATURE_CHANNELS, (1, 2, 4), neighbours=(-3, 1))
     case("log_irradiance", near[1:2], 3, 5, 7)
     case("features_neighbours", near, 4, 4, 8)
     case("features_neighbours_curved", near, 4, 4, 8, curved=True)
@@ -200,7 +199,7 @@ def other_cases() -> list[Case]:
         ("blend_clamped", (1, 1, 2), taps, 2.0),
     ):
         tail = [
-            *features(ALL_CHANNELS, block, neighbours=(-3, 1)),
+            *features(FEATURE_CHANNELS, block, neighbours=(-3, 1)),
             conv("tail", "features", block[1] * block[2] * (len(chosen) + 1), (1, 3, 3)),
             {
                 "name": "y",
@@ -218,10 +217,10 @@ def net_cases() -> list[Case]:
     """Small whole nets of the presets' make."""
     narrow = presets.kernel_net((8, 12), (1, 2), name="fast_narrow", hop=8)
     wide = presets.kernel_net(
-        (7,), (2,), name="fast_all_features", pattern="mpve-1-8", period=16, hop=4, fold=(2, 2), channels=ALL_CHANNELS
+        (7,), (2,), name="fast_all_features", pattern="mpve-1-8", period=16, hop=4, fold=(2, 2), channels=FEATURE_CHANNELS
     )
     ldr_hdr = presets.paper((4, 8, 12), 2, 4, name="paper_narrow")
-    on_tiles = presets.paper_on_tiles((8, 4, 4), 1, 4, name="paper_on_tiles", window=(16, 4, 8))
+    on_tiles = presets.paper_on_tiles((8, 12), (1, 2), 8, name="paper_on_tiles", hop=4, reach=1)
     return [
         Case("net_fast", narrow, 12, 16, gain=0.6),
         Case("net_fast_f16", narrow, 12, 16, half=True, gain=0.6),

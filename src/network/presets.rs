@@ -43,7 +43,11 @@ pub fn all() -> [Preset; 8] {
         preset!("fast-1-16", "the same for pattern mpve-1-16", "fast-1-16.safetensors"),
         preset!("robust", "fast for recordings whose pixels differ: fewer dots", "robust.safetensors"),
         preset!("large", "fast at twice its width, between fast and paper", "large.safetensors"),
-        preset!("paper-narrow", "the paper's nets on tiles, and kernels", "paper-narrow.safetensors"),
+        preset!(
+            "paper-narrow",
+            "the paper's nets on tiles: large, HDR-net and fusion",
+            "paper-narrow.safetensors"
+        ),
         preset!("paper", "the paper's LDR-net and HDR-net"),
     ]
 }

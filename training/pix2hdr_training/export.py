@@ -93,15 +93,14 @@ def read_weights(path) -> tuple[dict, dict[str, np.ndarray], dict]:
     return graph, tensors, metadata
 
 
-def trainable_state(path, *, fixed_norms: bool = False) -> tuple[dict[str, torch.Tensor], dict]:
+def trainable_state(path) -> tuple[dict[str, torch.Tensor], dict]:
     """State of a `GraphNet` to train on from a weights file, and the file's provenance.
 
-    ValueError for nets with batch norm, unless their norms are fixed: the file holds scale and shift, not the statistics
-    that training would go on with.
+    ValueError for nets with batch norm: the file holds scale and shift, not the statistics that training would go on with.
     """
     graph, tensors, metadata = read_weights(path)
-    if not fixed_norms and any(name.endswith(".scale") for name in tensors):
-        raise ValueError("a weights file says too little of batch norm to train on; --small-batches, or the run's checkpoint")
+    if any(name.endswith(".scale") for name in tensors):
+        raise ValueError("a weights file says too little of batch norm to train on; take the run's checkpoint")
     net = GraphNet(graph, InverseResponse.of_linear(1.0))  # its response is no part of the state
     _put(net, tensors)
     return net.state_dict(), json.loads(metadata.get("provenance", "{}"))

@@ -36,8 +36,7 @@ def ancestors(graph: dict, name: str) -> set[str]:
 class Objective:
     """The loss of a stage; call with the net and a batch.
 
-    With a `tile` (rows, columns), what of the error repeats with it counts once more. With `fixed_norms`, norms keep their
-    statistics in training.
+    With a `tile` (rows, columns), what of the error repeats with it counts once more.
     """
 
     def __init__(
@@ -47,10 +46,8 @@ class Objective:
         loss: str,
         paper: PaperLoss | None = None,
         tile: tuple[int, int] | None = None,
-        *,
-        fixed_norms: bool = False,
     ):
-        self.stage, self.graph = stage, net.graph
+        self.stage = stage
         self.inverse_node = inverse_node(net.graph)
         if stage not in STAGES:
             raise ValueError(f"stage {stage!r} is not known")
@@ -60,7 +57,7 @@ class Objective:
             raise ValueError("the paper's loss needs its parts, the others have none")
         if tile is not None and (stage == "ldr" or paper is not None):
             raise ValueError("fixed patterns are judged by log irradiance, which this stage or loss does not use")
-        self.tile, self.fixed_norms = tile, fixed_norms
+        self.tile = tile
         self.loss = paper if paper is not None else SIMPLE[loss]
         self.medium = None
         if paper is not None:
@@ -70,11 +67,9 @@ class Objective:
         self.frozen = ancestors(net.graph, self.inverse_node["name"]) if stage == "hdr" else set()
 
     def set_mode(self, net: GraphNet) -> None:
-        """Training mode, except for norms that keep their statistics: fixed ones and those of a frozen LDR-net."""
+        """Training mode, except for a frozen LDR-net, whose norms keep their statistics."""
         net.train()
         for name, layer in net.layers.items():
-            if self.fixed_norms and layer.norm is not None:
-                layer.norm.eval()
             if name in self.frozen:
                 layer.eval()
                 layer.requires_grad_(False)

@@ -8,6 +8,7 @@ from .layout import gflop_per_frame, granularity, needed_frames, parameter_count
 
 LEAKY = {"leaky_relu": 0.2}
 CUBE = (3, 3, 3)
+KERNEL_CHANNELS = ("log_irradiance", "log_estimate", "saturated")
 
 
 def conv(name, source, channels, kernel, *, stride=(1, 1, 1), activation="none", norm=False, add=None, transpose=False):
@@ -35,53 +36,65 @@ def kernel_net(
     hop=48,
     reach=2,
     fold=(2, 4),
-    temporal=(3, 1, 1),
-    channels=("log_irradiance", "log_estimate", "saturated"),
+    channels=KERNEL_CHANNELS,
 ):
     """One net that predicts kernels: for each pixel weights over log irradiances around it, and a residual.
 
     A U-net on the pattern's folded tile. `widths` are those of its levels, each half as wide and high as the one before;
     `blocks` are the residual blocks of each level, half of them on the way down and half on the way up. A block is a
-    convolution over `temporal` and one over 3×3 pixels. The taps are the pixels of the same frame that are at most
+    convolution over three frames and one over 3×3 pixels. The taps are the pixels of the same frame that are at most
     `reach` away, and the same pixel half a period, a period and two frames before and after. The window's lead is all
     that the net reaches in time, so a result does not depend on where windows begin: `hop` can be as long as memory
     and latency allow.
     """
     steps = neighbours(period)
     taps = taps_around(reach, steps)
-    half, spatial = (1, 2, 2), (1, 3, 3)
-    nodes = [
-        *inputs_on_tiles("features", channels, steps, fold),
-        conv("entry", "features", widths[0], spatial, activation=LEAKY),
-    ]
-    last, skips = "entry", []
+    nodes = [*inputs_on_tiles("features", channels, steps, fold), *u_net("features", widths, blocks)]
+    nodes += blended("radiance", nodes[-1]["name"], "estimate", fold, taps)
+    graph = {"version": 1, "name": name, "pattern": pattern, "nodes": nodes, "output": "radiance"}
+    return {**graph, "window": window_around(graph, hop)}
 
-    def residual(last: str, level: int, indices) -> str:
+
+def u_net(source: str, widths, blocks) -> list[dict]:
+    """The convolutions of `kernel_net`, from a folded tile to features of the same size."""
+    half, spatial = (1, 2, 2), (1, 3, 3)
+    nodes = [conv("entry", source, widths[0], spatial, activation=LEAKY)]
+    skips = []
+
+    def residual(level: int, indices) -> None:
         for i in indices:
-            a, b = f"level{level}block{i}a", f"level{level}block{i}b"
-            nodes.append(conv(a, last, widths[level], temporal, activation=LEAKY))
-            nodes.append(conv(b, a, widths[level], spatial, add=last))
-            last = b
-        return last
+            nodes.extend(residual_block(f"level{level}block{i}", nodes[-1]["name"], widths[level]))
 
     deepest = len(widths) - 1
     for level, count in enumerate(blocks):
         if level:
-            skips.append(last)
-            nodes.append(conv(f"down{level}", last, widths[level], spatial, stride=half, activation=LEAKY))
-            last = f"down{level}"
-        last = residual(last, level, range(1, (count if level == deepest else count // 2) + 1))
+            skips.append(nodes[-1]["name"])
+            nodes.append(conv(f"down{level}", skips[-1], widths[level], spatial, stride=half, activation=LEAKY))
+        residual(level, range(1, (count if level == deepest else count // 2) + 1))
     for level in reversed(range(deepest)):
-        nodes.append(conv(f"up{level}", last, widths[level], half, stride=half, transpose=True, add=skips.pop()))
-        last = residual(f"up{level}", level, range(blocks[level] // 2 + 1, blocks[level] + 1))
+        last, skip = nodes[-1]["name"], skips.pop()
+        nodes.append(conv(f"up{level}", last, widths[level], half, stride=half, transpose=True, add=skip))
+        residual(level, range(blocks[level] // 2 + 1, blocks[level] + 1))
     if deepest:
-        nodes.append(conv("fine", last, widths[0], spatial, activation=LEAKY))
-        last = "fine"
-    nodes.append(conv("tail", last, fold[0] * fold[1] * (len(taps) + 1), (1, 1, 1)))
-    inputs = ["tail", "log_irradiance", "estimate"]
-    nodes.append({"name": "radiance", "op": "blend", "inputs": inputs, "block": [1, *fold], "taps": taps})
-    graph = {"version": 1, "name": name, "pattern": pattern, "nodes": nodes, "output": "radiance"}
-    return {**graph, "window": window_around(graph, hop)}
+        nodes.append(conv("fine", nodes[-1]["name"], widths[0], spatial, activation=LEAKY))
+    return nodes
+
+
+def residual_block(name: str, source: str, channels: int) -> list[dict]:
+    """A convolution over three frames and one over 3×3 pixels, plus the source."""
+    return [
+        conv(f"{name}a", source, channels, (3, 1, 1), activation=LEAKY),
+        conv(f"{name}b", f"{name}a", channels, (1, 3, 3), add=source),
+    ]
+
+
+def blended(name: str, features: str, estimate: str, fold, taps) -> list[dict]:
+    """The kernels `tail` of each pixel from features on the folded tile, and the `blend` that applies them."""
+    inputs = ["tail", "log_irradiance", estimate]
+    return [
+        conv("tail", features, fold[0] * fold[1] * (len(taps) + 1), (1, 1, 1)),
+        {"name": name, "op": "blend", "inputs": inputs, "block": [1, *fold], "taps": taps},
+    ]
 
 
 def neighbours(period: int) -> list[int]:
@@ -136,7 +149,10 @@ def paper(
     convolution with softplus plus a floor: it is linear behind a linear layer, so it adds nothing but the
     activation that keeps the denominator of eq. 23 positive.
     """
-    n = len(exposures)
+    n, (c1, c2, c3) = len(exposures), widths
+    k4, two = (4, 4, 4), (2, 2, 2)
+    blocks = [f"bottleneck{i}" for i in range(1, residual_blocks + 1)]
+    before = ["encoder3b", *(f"{block}b" for block in blocks)]
     nodes = [
         {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
         {
@@ -146,10 +162,20 @@ def paper(
             "channels": ["measurement"],
             "block": [1, 1, 1],
         },
-        active("encoder1", "input", widths[0], (7, 7, 7)),
-        active("encoder2a", "encoder1", widths[1], CUBE),
-        *paper_bottom(widths, residual_blocks, widths[0]),
-        conv("decoder3up", "skip1", widths[0], CUBE, transpose=True),
+        active("encoder1", "input", c1, (7, 7, 7)),
+        active("encoder2a", "encoder1", c2, CUBE),
+        active("encoder2b", "encoder2a", c2, CUBE, stride=two),
+        active("encoder3a", "encoder2b", c3, CUBE),
+        active("encoder3b", "encoder3a", c3, CUBE, stride=two),
+        *(node for block, source in zip(blocks, before, strict=False) for node in residual_module(block, source, c3)),
+        {"name": "skip3", "op": "concat", "inputs": ["encoder3b", before[-1]]},
+        conv("decoder1up", "skip3", c2, k4, stride=two, transpose=True),
+        active("decoder1", "decoder1up", c2, CUBE),
+        {"name": "skip2", "op": "concat", "inputs": ["encoder2b", "decoder1"]},
+        conv("decoder2up", "skip2", c1, k4, stride=two, transpose=True),
+        active("decoder2", "decoder2up", c1, CUBE),
+        {"name": "skip1", "op": "concat", "inputs": ["encoder1", "decoder2"]},
+        conv("decoder3up", "skip1", c1, CUBE, transpose=True),
         conv("ldr", "decoder3up", n, CUBE, activation="sigmoid"),
         {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": list(exposures)},
         conv("hdr1skip", "irradiance", hdr_width, (1, 1, 1)),
@@ -162,77 +188,52 @@ def paper(
         conv("weights", "hdr5b", n, (1, 1, 1), activation={"softplus": weight_floor}),
         {"name": "radiance", "op": "fuse", "inputs": ["weights", "irradiance"]},
     ]
-    return paper_graph(name, window, nodes)
+    window = dict(zip(("frames", "lead", "hop"), window, strict=True))
+    return {"version": 1, "name": name, "pattern": "mpve-1-4", "window": window, "nodes": nodes, "output": "radiance"}
 
 
 def paper_on_tiles(
-    widths=(64, 48, 64),
-    residual_blocks=6,
-    hdr_width=32,
+    widths=(64, 128, 192),
+    blocks=(0, 4, 2),
+    hdr_width=64,
     *,
     name="paper-narrow",
     fold=(2, 4),
-    window=(40, 8, 24),
     period=8,
+    hop=96,
+    reach=3,
     exposures=(0.5, 2, 8),
-    reach=2,
     weight_floor=1e-3,
 ):
-    """The paper's nets on the pattern's folded tile, with kernels over what was measured.
+    """The paper's chain on the pattern's folded tile: LDR-net, inverse response, HDR-net, fusion; then kernels.
 
-    LDR-net sees a tile as one place with many channels and leaves through a transposed convolution of the tile's size;
-    HDR-net goes back to tiles with the stride of its first layer, and its weights leave as LDR-net's videos do. Beside
-    videos at three exposures, LDR-net renders one for each of the 3×3 pixels around and for each of the same pixel half a
-    period and a period before and after, all at the lowest exposure: they begin as what was measured there (start.py), so
-    fusion weighs measurements too. The lowest exposure is below the camera's, so that the sigmoid's soft end is not reached.
-    Behind fusion, HDR-net predicts a kernel as `kernel_net` does, for weights below zero.
+    LDR-net is the U-net of `kernel_net`, layer for layer, so it can start as a trained one. It renders its videos through a
+    transposed convolution of the tile's size, which sees the features too: there the videos begin as the box estimate
+    (start.py). HDR-net goes back to tiles with the stride of its first layer; the first skip brings LDR-net's features,
+    which know the noise. Its weights leave as LDR-net's videos do. Behind fusion, both nets' features give kernels as
+    `kernel_net`'s do, relative to what was fused. The lowest exposure is below the camera's, so that the sigmoid's soft end
+    is not reached.
     """
-    c1, c2, _ = widths
-    tile, spatial = (1, *fold), (1, 3, 3)
+    tile, n = (1, *fold), len(exposures)
     steps = neighbours(period)
-    taps = taps_around(reach, steps)
-    videos = [*exposures, *[exposures[0]] * (3 * 3 + len(steps))]
-    n, onto_tiles = len(videos), (3, fold[0] | 1, fold[1] | 1)  # the smallest kernel that sees all of a tile
-    decoder_width = c1 // 2
+    onto_tiles = (1, fold[0] | 1, fold[1] | 1)  # the smallest kernel that sees all of a tile
     nodes = [
-        *inputs_on_tiles("input", ("log_irradiance", "log_estimate", "saturated", "measurement"), steps, fold),
-        active("encoder1", "input", c1, CUBE),
-        active("encoder2a", "encoder1", c2, spatial),
-        *paper_bottom(widths, residual_blocks, decoder_width),
-        conv("decoder3up", "skip1", c1, spatial, transpose=True),
-        conv("ldr", "decoder3up", n, tile, stride=tile, transpose=True, activation="sigmoid"),
-        {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": videos},
-        conv("hdr1skip", "irradiance", hdr_width, (1, *onto_tiles[1:]), stride=tile),
-        active("hdr1a", "irradiance", hdr_width, onto_tiles, stride=tile),
-        conv("hdr1b", "hdr1a", hdr_width, CUBE, add="hdr1skip"),
-        *(node for i in (2, 3, 4, 5) for node in residual_module(f"hdr{i}", f"hdr{i - 1}b", hdr_width)),
+        *inputs_on_tiles("features", KERNEL_CHANNELS, steps, fold),
+        *u_net("features", widths, blocks),
+        {"name": "skip", "op": "concat", "inputs": ["fine", "features"]},
+        conv("ldr", "skip", n, tile, stride=tile, transpose=True, activation="sigmoid"),
+        {"name": "irradiance", "op": "inverse_response", "inputs": ["ldr"], "exposures": list(exposures)},
+        conv("hdr1skip", "fine", hdr_width, (1, 1, 1)),
+        conv("hdr1a", "irradiance", hdr_width, onto_tiles, stride=tile, activation=LEAKY),
+        conv("hdr1b", "hdr1a", hdr_width, (1, 3, 3), add="hdr1skip"),
+        *(node for i in (2, 3, 4, 5) for node in residual_block(f"hdr{i}", f"hdr{i - 1}b", hdr_width)),
         conv("weights", "hdr5b", n, tile, stride=tile, transpose=True, activation={"softplus": weight_floor}),
         {"name": "fused", "op": "fuse", "inputs": ["weights", "irradiance"]},
-        conv("tail", "hdr5b", fold[0] * fold[1] * (len(taps) + 1), (1, 1, 1)),
-        {"name": "radiance", "op": "blend", "inputs": ["tail", "log_irradiance", "fused"], "block": list(tile), "taps": taps},
+        {"name": "both", "op": "concat", "inputs": ["fine", "hdr5b"]},
+        *blended("radiance", "both", "fused", fold, taps_around(reach, steps)),
     ]
-    return paper_graph(name, window, nodes)
-
-
-def paper_bottom(widths, residual_blocks: int, decoder_width: int) -> list[dict]:
-    """LDR-net from the end of its second encoder block, below full resolution, to the last skip connection."""
-    c1, c2, c3 = widths
-    k4, two = (4, 4, 4), (2, 2, 2)
-    blocks = [f"bottleneck{i}" for i in range(1, residual_blocks + 1)]
-    before = ["encoder3b", *(f"{block}b" for block in blocks)]
-    return [
-        active("encoder2b", "encoder2a", c2, CUBE, stride=two),
-        active("encoder3a", "encoder2b", c3, CUBE),
-        active("encoder3b", "encoder3a", c3, CUBE, stride=two),
-        *(node for block, source in zip(blocks, before, strict=False) for node in residual_module(block, source, c3)),
-        {"name": "skip3", "op": "concat", "inputs": ["encoder3b", before[-1]]},
-        conv("decoder1up", "skip3", c2, k4, stride=two, transpose=True),
-        active("decoder1", "decoder1up", c2, CUBE),
-        {"name": "skip2", "op": "concat", "inputs": ["encoder2b", "decoder1"]},
-        conv("decoder2up", "skip2", decoder_width, k4, stride=two, transpose=True),
-        active("decoder2", "decoder2up", decoder_width, CUBE),
-        {"name": "skip1", "op": "concat", "inputs": ["encoder1", "decoder2"]},
-    ]
+    graph = {"version": 1, "name": name, "pattern": "mpve-1-4", "nodes": nodes, "output": "radiance"}
+    return {**graph, "window": window_around(graph, hop)}
 
 
 def active(name, source, channels, kernel, **more) -> dict:
@@ -243,12 +244,6 @@ def active(name, source, channels, kernel, **more) -> dict:
 def residual_module(name: str, source: str, channels: int) -> list[dict]:
     """The paper's residual module without a projection."""
     return [active(f"{name}a", source, channels, CUBE), conv(f"{name}b", f"{name}a", channels, CUBE, add=source)]
-
-
-def paper_graph(name: str, window, nodes: list[dict]) -> dict:
-    """The graph of these nodes for `mpve-1-4`; `window` is (frames, lead, hop)."""
-    window = dict(zip(("frames", "lead", "hop"), window, strict=True))
-    return {"version": 1, "name": name, "pattern": "mpve-1-4", "window": window, "nodes": nodes, "output": "radiance"}
 
 
 FAST = {"widths": (32, 64, 96), "blocks": (0, 4, 2), "reach": 3, "hop": 96}

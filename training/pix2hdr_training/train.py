@@ -22,14 +22,16 @@ from .layout import gflop_per_frame
 from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
-from .start import centred_weights, has_norms, learning_rate_shares, prepare
+from .start import start_as_estimate
 from .validate import validate
 from .widen import widened
 
 CHECKPOINT = "pix2hdr-checkpoint/1"
-NORM_BATCHES = 16  # batches that fixed norms have their statistics of
 WARM_UP = 0.02  # share of the run in which the learning rate rises
-SAME_ON_RESUME = ("batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern", "small_batches")
+SAME_ON_RESUME = (
+    "batch", "crop", "seed", "loss", "stage", "lr", "steps", "minutes", "fixed_pattern", "ema", "clip", "bf16",
+    "perceptual_weight", "perceptual_frames",
+)
 
 
 def learning_rate(progress: float, base: float) -> float:
@@ -47,14 +49,7 @@ class Trainer:
         self.averaged.requires_grad_(False)
         objective.set_mode(net)
         self.parameters = objective.trained_parameters(net)
-        # Groups by their share of the learning rate.
-        shares = learning_rate_shares(net) if objective.fixed_norms else dict.fromkeys(self.parameters, 1.0)
-        self.centred = centred_weights(net) if objective.fixed_norms else []
-        groups = [
-            {"params": [p for p in self.parameters if shares[p] == share], "share": share}
-            for share in sorted({shares[p] for p in self.parameters})
-        ]
-        self.optimiser = torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.999))
+        self.optimiser = torch.optim.Adam(self.parameters, lr=1e-3, betas=(0.9, 0.999))
         self.ema, self.clip, self.bf16 = ema, clip, bf16
         self.steps = 0
         self.skipped = 0
@@ -62,7 +57,7 @@ class Trainer:
     def step(self, batch: Batch, lr: float) -> float:
         """One update; returns the loss before it. A step whose gradient is not finite changes nothing."""
         for group in self.optimiser.param_groups:
-            group["lr"] = lr * group["share"]
+            group["lr"] = lr
         self.objective.set_mode(self.net)
         device = batch.measurement.device.type
         cast = torch.autocast(device, torch.bfloat16) if self.bf16 else contextlib.nullcontext()
@@ -72,7 +67,7 @@ class Trainer:
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.clip)
         if torch.isfinite(norm):
-            self._update()
+            self.optimiser.step()
             self.skipped = 0
         else:
             self.skipped += 1
@@ -81,13 +76,6 @@ class Trainer:
         self.steps += 1
         self._average()
         return float(loss.detach())
-
-    @torch.no_grad()
-    def _update(self) -> None:
-        before = [weight.clone() for weight in self.centred]
-        self.optimiser.step()
-        for weight, old in zip(self.centred, before, strict=True):
-            weight.sub_((weight - old).mean(list(range(1, weight.dim())), keepdim=True))
 
     @torch.no_grad()
     def _average(self) -> None:
@@ -124,10 +112,10 @@ def load_checkpoint(path) -> dict:
     return state
 
 
-def starting_state(path: Path, fixed_norms: bool) -> tuple[dict, dict]:
+def starting_state(path: Path) -> tuple[dict, dict]:
     """Averaged weights to start from, and where they come from, of a checkpoint or a weights file."""
     if path.suffix == ".safetensors":
-        return trainable_state(path, fixed_norms=fixed_norms)
+        return trainable_state(path)
     state = load_checkpoint(path)
     return state["ema"], json.loads(state["provenance"])
 
@@ -155,6 +143,19 @@ def response_of(graph: dict, dataset: Dataset):
     raise ValueError(f"{dataset.folder}: this net depends on the response, but dataset.json has no `response`")
 
 
+def positive(kind):
+    """A parser of numbers above 0."""
+
+    def parse(text: str):
+        value = kind(text)
+        if not value > 0:
+            raise ValueError
+        return value
+
+    parse.__name__ = f"positive {kind.__name__}"  # what argparse calls it
+    return parse
+
+
 def parse_arguments(arguments=None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m pix2hdr_training.train", description=__doc__)
     parser.add_argument("--graph", type=Path, required=True, help="layer graph (JSON)")
@@ -163,8 +164,8 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--val-cubes", type=int, default=0, help="validate on the first N cubes (0: all)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the run: checkpoint, weights, curve")
     length = parser.add_mutually_exclusive_group(required=True)
-    length.add_argument("--steps", type=int, help="length of the run in steps (repeatable)")
-    length.add_argument("--minutes", type=float, help="length of the run in minutes of training, without validation")
+    length.add_argument("--steps", type=positive(int), help="length of the run in steps (repeatable)")
+    length.add_argument("--minutes", type=positive(float), help="length of the run in minutes of training, without validation")
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--crop", type=int, default=64, help="pixels at each side")
     parser.add_argument("--window", type=int, nargs=3, metavar=("FRAMES", "LEAD", "HOP"),
@@ -174,10 +175,7 @@ def parse_arguments(arguments=None) -> argparse.Namespace:
     parser.add_argument("--stage", choices=STAGES, default="all", help="ldr, hdr: the paper's two stages")
     parser.add_argument("--fixed-pattern", action="store_true",
                         help="train against fixed patterns: in half of the crops, and once more in the loss")
-    parser.add_argument("--small-batches", action="store_true",
-                        help="for nets with batch norm where a batch is a few crops: norms keep the statistics of the first"
-                             " batches, LDR-net starts as what was measured, large layers learn more slowly")
-    parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: the same layers, as wide or narrower")
+    parser.add_argument("--init", type=Path, help="start from these weights, a checkpoint's or a .safetensors file's: of the same net, a narrower one, or a part of it")
     parser.add_argument("--vgg", type=Path, help="VGG16 weights (npz) for --loss paper")
     parser.add_argument("--perceptual-weight", type=float, default=1.0)
     parser.add_argument("--perceptual-frames", type=int, default=0, help="frames per window in L_perc (0: all)")
@@ -208,8 +206,10 @@ class Run:
             self.graph["window"] = dict(zip(("frames", "lead", "hop"), args.window, strict=True))
         self.data = Dataset(args.data)
         self.val = Dataset(args.val) if args.val else None
+        self._check_data()
         self.response = response_of(self.graph, self.data)
         net = GraphNet(self.graph, self.data.inverse).to(args.device)
+        start_as_estimate(net)
         self.start: dict | None = None  # provenance of the weights that the run starts from
         paper = None
         if args.loss == "paper":
@@ -218,8 +218,11 @@ class Run:
             paper = PaperLoss(Vgg(args.vgg).to(args.device), args.perceptual_weight, args.perceptual_frames)
         if args.init:
             try:
-                state, self.start = starting_state(args.init, args.small_batches)
+                state, self.start = starting_state(args.init)
                 net.load_state_dict(widened(state, net, args.seed))
+                fresh = [name for name in net.layers if f"layers.{name}.weight" not in state]
+                if fresh:
+                    print(f"{args.init} lacks {len(fresh)} layers, which start afresh: {', '.join(fresh)}", flush=True)
             except ValueError as error:
                 raise ValueError(f"{args.init}: {error}") from error
         self.crops = Crops(self.data, self.graph, args.batch, args.crop, args.seed, fixed_pattern=args.fixed_pattern)
@@ -230,17 +233,25 @@ class Run:
         resume = args.resume and self.checkpoint_path.exists()
         if self.checkpoint_path.exists() and not resume:
             raise ValueError(f"{self.checkpoint_path} exists: --resume, or another --out")
-        if args.small_batches:
-            if not has_norms(net):
-                raise ValueError("--small-batches: this graph has no norms")
-            if not (resume or args.init):
-                prepare(net, [self.crops(i).to(args.device) for i in range(NORM_BATCHES)])
         tile = self.data.table.tile if args.fixed_pattern else None
-        objective = Objective(net, args.stage, args.loss, paper, tile, fixed_norms=args.small_batches)
+        objective = Objective(net, args.stage, args.loss, paper, tile)
         self.trainer = Trainer(net, objective, ema=args.ema, clip=args.clip, bf16=args.bf16)
         if resume:
             self._resume()
         self.curve = Curve(args.out, keep_until=self.trainer.steps)
+
+    def _check_data(self) -> None:
+        """ValueError where the graph, the data and the held-out cubes don't belong together."""
+        pattern, made_for = self.data.meta.get("pattern"), self.graph["pattern"]
+        if made_for not in ("any", pattern):
+            raise ValueError(f"{self.args.graph} is for pattern {made_for}, but {self.data.folder} has cubes of {pattern}")
+        if self.val is None:
+            return
+        for key in ("pattern", "inverse_response"):
+            if self.val.meta.get(key) != self.data.meta.get(key):
+                raise ValueError(f"{self.val.folder} has another {key} than {self.data.folder}")
+        if not self.val.window_starts(self.graph["window"]):
+            raise ValueError(f"{self.val.folder}: cubes of {self.val.frames} frames hold no window of {self.graph['window']}")
 
     def _settings(self) -> dict:
         settings = {key: getattr(self.args, key) for key in SAME_ON_RESUME}
@@ -269,7 +280,7 @@ class Run:
         state = {
             **self.trainer.state(),
             "format": CHECKPOINT,
-            "graph": json.dumps(self.graph),
+            "graph": json.dumps(self.exported),
             "inverse_response": self.data.inverse.table.tolist(),
             "response": json.dumps(self.response),
             "provenance": json.dumps(self.provenance()),
@@ -302,7 +313,8 @@ class Run:
             "lr": args.lr,
             "loss": args.loss,
             "fixed_pattern": args.fixed_pattern,
-            "small_batches": args.small_batches,
+            "bf16": args.bf16,
+            "window": self.graph["window"],
             "stage": args.stage,
             "hardware": hardware(args.device, args.threads),
             "torch": torch.__version__,

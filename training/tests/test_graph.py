@@ -146,9 +146,11 @@ def every_op(neighbours=(-5, 3)):
     return {**base, "nodes": nodes, "window": {"frames": 32, "lead": 14, "hop": 4}}
 
 
-@pytest.mark.parametrize("graph", [every_op(), presets.kernel_net((8, 12), (1, 2), name="small", hop=8)])
-def test_frames_that_no_result_needs_change_nothing(graph):
+@pytest.mark.parametrize("whole_convolutions", [False, True], ids=["by frame", "whole"])
+@pytest.mark.parametrize("graph", [every_op(), presets.kernel_net((8, 12), (1, 2), name="small", hop=8)], ids=["every op", "kernels"])
+def test_frames_that_no_result_needs_change_nothing(graph, whole_convolutions, monkeypatch):
     """Computing only what is needed gives what computing everything gives."""
+    monkeypatch.setattr("pix2hdr_training.graph.has_matrix_unit", lambda: whole_convolutions)
     net = GraphNet(graph, InverseResponse.of_linear(2.0)).double().eval()
     y, e = window_of(graph, 8, 8)
     everything = json.loads(json.dumps(graph))

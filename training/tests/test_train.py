@@ -13,8 +13,8 @@ from pix2hdr_training.data import Batch, Crops, Dataset, DatasetError, end_of_re
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
 from pix2hdr_training.graph import GraphNet, box_estimate
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
-from pix2hdr_training.objective import Objective
-from pix2hdr_training.start import learning_rate_shares, prepare
+from pix2hdr_training.objective import Objective, inverse_node
+from pix2hdr_training.start import start_as_estimate
 from pix2hdr_training.tone import inverse_tone, tone
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
 from pix2hdr_training.validate import validate
@@ -22,9 +22,7 @@ from pix2hdr_training.widen import widened
 from test_export import load_script
 
 SMALL = {"fast": presets.kernel_net((8, 12), (1, 2), name="small", hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
-
-
-NARROW = presets.paper_on_tiles((64, 4, 8), 1, 4, name="narrow", window=(8, 2, 4))
+ON_TILES = presets.paper_on_tiles((8, 12), (1, 2), 8, name="on_tiles", hop=4, reach=2)
 
 
 def fake_vgg(folder):
@@ -261,6 +259,7 @@ def test_resuming_is_exact_and_weights_are_complete(graph_file, data_folder, tmp
     assert load_checkpoint(tmp_path / "b" / "checkpoint.pt")["step"] == 3
     assert run(graph_file, data_folder, tmp_path / "b", "--steps", 6) == 1, "must not overwrite a run"
     assert run(graph_file, data_folder, tmp_path / "b", "--steps", 7, "--resume") == 1, "another run length"
+    assert run(graph_file, data_folder, tmp_path / "b", "--steps", 6, "--clip", 2, "--resume") == 1, "another step"
     final = tmp_path / "final.safetensors"
     arguments = ("--steps", 6, "--val", data_folder, "--resume", "--export", final)
     assert run(graph_file, data_folder, tmp_path / "b", *arguments) == 0
@@ -278,8 +277,8 @@ def test_resuming_is_exact_and_weights_are_complete(graph_file, data_folder, tmp
     # convert.py writes the very same tensors.
     converted = tmp_path / "converted.safetensors"
     assert load_script("convert").main([str(tmp_path / "b" / "checkpoint.pt"), str(converted)]) == 0
-    for key, value in read_weights(converted)[1].items():
-        assert np.array_equal(value, tensors[key])
+    same_graph, same_tensors, _ = read_weights(converted)
+    assert same_graph == graph and all(np.array_equal(value, tensors[key]) for key, value in same_tensors.items())
     inverse = Dataset(data_folder).inverse
     again = net_from_weights(final, inverse)
     from_checkpoint = net_from_checkpoint(two)
@@ -300,6 +299,25 @@ def test_bad_arguments_are_one_line(graph_file, data_folder, tmp_path, capsys):
     assert "--vgg" in capsys.readouterr().err
     assert run(graph_file, data_folder, tmp_path / "x", "--steps", 1, "--stage", "ldr") == 1
     assert run(graph_file, Path("nowhere"), tmp_path / "x", "--steps", 1) == 1
+    for length in (("--steps", 0), ("--minutes", 0)):
+        with pytest.raises(SystemExit):
+            run(graph_file, data_folder, tmp_path / "x", *length)
+    assert "invalid positive float value" in capsys.readouterr().err
+
+
+def test_data_that_do_not_belong_together_are_refused(graph_file, data_folder, curved_folder, tmp_path, capsys):
+    other = make_dataset(tmp_path / "other", cubes=2, pattern="mpve-1-8")
+    short = make_dataset(tmp_path / "short", cubes=2, frames=30)
+    cases = [
+        ((other,), "for pattern mpve-1-4, but"),
+        ((data_folder, "--val", curved_folder), "another inverse_response"),
+        ((data_folder, "--val", short), "hold no window"),
+    ]
+    for (folder, *more), why in cases:
+        assert run(graph_file, folder, tmp_path / "run", "--steps", 1, *more) == 1
+        error = capsys.readouterr().err
+        assert why in error and error.count("\n") == 1
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_widened_net_computes_the_same(data_folder):
@@ -318,108 +336,86 @@ def test_a_widened_net_computes_the_same(data_folder):
     # Repeated channels learn different things.
     weight = wide.layers["up0"].weight
     assert weight.shape[0] == 20 and not torch.equal(weight[0], weight[12])
-    with pytest.raises(ValueError, match="cannot become"):
-        widened(wide.state_dict(), narrow)
-    with pytest.raises(ValueError, match="layers differ"):
-        widened(narrow.state_dict(), GraphNet(SMALL["paper"], data.inverse))
+
+
+def test_nets_that_cannot_be_widened_are_refused(data_folder):
+    inverse = Dataset(data_folder).inverse
+
+    def refused(narrow: dict, wide: dict, why: str) -> None:
+        with pytest.raises(ValueError, match=why):
+            widened(GraphNet(narrow, inverse).state_dict(), GraphNet(wide, inverse))
+
+    kernels = SMALL["fast"]
+    refused(presets.kernel_net((16, 20), (1, 2), name="wide", hop=8), kernels, "cannot become")
+    refused(kernels, SMALL["paper"], "layers differ")
+    # More taps: repeating channels would take one tap's weight for another's.
+    refused(kernels, presets.kernel_net((8, 12), (1, 2), name="far", hop=8, reach=3), "no features")
+    # More inputs, which are no repetition of others.
+    channels = ("log_irradiance", "log_estimate", "saturated", "log_exposure")
+    refused(kernels, presets.kernel_net((8, 12), (1, 2), name="more", hop=8, channels=channels), "no features")
+    # Both parts of a concat twice as wide: the first one has as many channels as both had.
+    refused(SMALL["paper"], presets.paper((8, 8, 16), 1, 8), "not the first part")
+    refused(presets.kernel_net((4, 12), (1, 2), name="narrow", hop=4), ON_TILES, "not the first part")
 
 
 def test_a_run_starts_from_a_weights_file(graph_file, data_folder, tmp_path):
     assert run(graph_file, data_folder, tmp_path / "first", "--steps", 3) == 0
     weights = tmp_path / "first" / "weights.safetensors"
     # A learning rate of zero: what comes out is what went in.
-    assert run(graph_file, data_folder, tmp_path / "second", "--steps", 1, "--lr", 0, "--init", weights) == 0
-    (_, before, _), (_, after, metadata) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
+    more = ("--steps", 1, "--lr", 0, "--window", 34, 11, 12, "--init", weights)
+    assert run(graph_file, data_folder, tmp_path / "second", *more) == 0
+    (_, before, _), (graph, after, metadata) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
     assert all(np.array_equal(before[name], after[name]) for name in before)
-    assert json.loads(metadata["provenance"])["start"]["steps"] == 3
+    provenance = json.loads(metadata["provenance"])
+    assert provenance["start"]["steps"] == 3 and provenance["window"]["hop"] == 12
+    # Whatever it was trained on, the net's windows are the graph's, in a file made of the checkpoint too.
+    checkpoint, converted = tmp_path / "second" / "checkpoint.pt", tmp_path / "converted.safetensors"
+    assert load_script("convert").main([str(checkpoint), str(converted)]) == 0
+    assert graph == read_weights(converted)[0] == SMALL["fast"]
 
 
-def prepared(data: Dataset) -> tuple[GraphNet, Batch]:
-    """A net as it starts with small batches, and a batch that it has not seen."""
-    torch.manual_seed(0)
-    net = GraphNet(NARROW, data.inverse)
-    crops = Crops(data, NARROW, 4, 16, 0, ends=0.0, off=0.0)
-    prepare(net, [crops(i) for i in range(4)])
-    return net, crops(9)
-
-
-def test_with_small_batches_ldr_net_starts_as_what_was_measured(data_folder):
+def test_videos_start_as_the_estimate_and_fusion_with_the_lowest_exposure(data_folder):
     data = Dataset(data_folder)
-    net, batch = prepared(data)
-    plain = GraphNet(NARROW, data.inverse).eval()
+    torch.manual_seed(0)
+    net = GraphNet(ON_TILES, data.inverse).eval()
+    batch = Crops(data, ON_TILES, 4, 16, 0, ends=0.0, off=0.0)(9)
     box = tone(box_estimate(batch.measurement, batch.exposure, data.inverse))
-    logs = tone(data.inverse(batch.measurement) / batch.exposure)
-    # Videos: the estimate at three exposures; the pixels around, row by row; those in time, at the lowest exposure.
-    videos = [(0, 0.5, box), (1, 2.0, box), (2, 8.0, box), (3 + 4, 0.5, logs)]
-    videos += [(3 + 1, 0.5, logs.roll(1, 2)), (3 + 5, 0.5, logs.roll(-1, 3)), (3 + 9 + 1, 0.5, logs.roll(4, 1))]
+    result = slice(ON_TILES["window"]["lead"], ON_TILES["window"]["lead"] + ON_TILES["window"]["hop"])
+    exposures = torch.tensor(inverse_node(ON_TILES)["exposures"]).view(-1, 1, 1, 1)
+    wanted = torch.log(inverse_tone(box[:, None, result]) * exposures / data.inverse.saturation)
 
-    def distances(some: GraphNet) -> list[float]:
+    def distance() -> float:
         with torch.no_grad():
-            logits = torch.logit(some(batch.measurement, batch.exposure, until="ldr"), eps=1e-6)
-        found = []
-        for video, exposure, start in videos:
-            # Frames and pixels whose neighbours there are; the 4 frames of the result are logits' last axis in time.
-            wanted = torch.log(inverse_tone(start) * exposure / data.inverse.saturation)[:, 4:6, 2:-2, 2:-2]
-            first = 4 - (8 - logits.shape[2]) // 2
-            found.append(float((logits[:, video, first : first + 2, 2:-2, 2:-2] - wanted).square().mean().sqrt()))
-        return found
+            logits = torch.logit(net(batch.measurement, batch.exposure, until="ldr"), eps=1e-6)
+        return float((logits - wanted).square().mean().sqrt())
 
-    assert max(distances(net)) < 0.35 < 1.0 < min(distances(plain))
-
-
-def test_fusion_starts_with_the_estimate_at_the_lowest_exposure(data_folder):
-    net, batch = prepared(Dataset(data_folder))
+    before = distance()
+    assert start_as_estimate(net)
+    assert distance() < 0.35 < 1.0 < before
     with torch.no_grad():
         weights = net(batch.measurement, batch.exposure, until="weights").mean((0, 2, 3, 4))
-    assert int(weights.argmax()) == 0 and weights[0] > 2.0 and float(weights[1:3].max()) < 0.3
+    assert int(weights.argmax()) == 0 and weights[0] > 2.0 and float(weights[1:].max()) < 0.3
+    # Where the videos' layer does not see the estimate, nothing is touched.
+    for graph in SMALL.values():
+        other = GraphNet(graph, data.inverse)
+        state = {name: value.clone() for name, value in other.state_dict().items()}
+        assert not start_as_estimate(other)
+        assert all(torch.equal(state[name], value) for name, value in other.state_dict().items())
 
 
-def test_with_small_batches_norms_stay_and_large_layers_learn_slowly(data_folder):
+def test_ldr_net_starts_as_a_trained_kernel_net(data_folder):
+    torch.manual_seed(2)
     data = Dataset(data_folder)
-    net = GraphNet(NARROW, data.inverse)
-    crops = Crops(data, NARROW, 2, 16, 0)
-    prepare(net, [crops(0)])
-    before = {name: value.clone() for name, value in net.state_dict().items()}
-    trainer = Trainer(net, Objective(net, "all", "log_mse", fixed_norms=True))
-    for step in range(3):
-        trainer.step(crops(step), 1e-3)
-    after = net.state_dict()
-    assert all(torch.equal(before[name], after[name]) for name in before if "running" in name)
-    # Adam's first steps are the learning rate, so no weight is further than three of its layer's, and as much again where
-    # filters keep their means.
-    shares = learning_rate_shares(net)
-    for name, layer in net.layers.items():
-        moved = after[f"layers.{name}.weight"] - before[f"layers.{name}.weight"]
-        keeps_mean = name == "encoder1"
-        assert 0 < moved.abs().max() <= 3.01e-3 * shares[layer.weight] * (2 if keeps_mean else 1), name
-        drift = moved.mean((1, 2, 3, 4)).abs().max()
-        assert drift < 1e-8 if keeps_mean else drift > 1e-8, name
-    assert shares[net.layers["encoder3b"].weight] == 64 / 216
-    assert shares[net.layers["ldr"].weight] == 0.1
-
-
-def test_the_way_of_what_was_measured_needs_channels(data_folder):
-    data = Dataset(data_folder)
-    graph = presets.paper_on_tiles((32, 4, 8), 1, 4, name="narrow", window=(8, 2, 4))
-    with pytest.raises(ValueError, match="64 channels"):
-        prepare(GraphNet(graph, data.inverse), [Crops(data, graph, 2, 16, 0)(0)])
-
-
-def test_small_batches_go_on_from_a_weights_file(data_folder, tmp_path):
-    graph = tmp_path / "graph.json"
-    graph.write_text(json.dumps(NARROW))
-    assert run(graph, data_folder, tmp_path / "first", "--steps", 3, "--small-batches") == 0
-    weights = tmp_path / "first" / "weights.safetensors"
-    again = ("--steps", 1, "--lr", 0, "--init", weights)
-    assert run(graph, data_folder, tmp_path / "refused", *again) == 1
-    assert run(graph, data_folder, tmp_path / "second", *again, "--small-batches") == 0
-    (_, before, _), (_, after, _) = map(read_weights, (weights, tmp_path / "second" / "weights.safetensors"))
-    assert all(np.allclose(before[name], after[name], rtol=1e-5, atol=1e-6) for name in before)
-
-
-def test_small_batches_are_for_nets_with_norms(graph_file, data_folder, tmp_path, capsys):
-    assert run(graph_file, data_folder, tmp_path / "run", "--steps", 1, "--small-batches") == 1
-    assert "norms" in capsys.readouterr().err
+    graph = presets.kernel_net((8, 12), (1, 2), name="kernels")
+    kernels, both = (GraphNet({**g, "window": ON_TILES["window"]}, data.inverse).eval() for g in (graph, ON_TILES))
+    both.load_state_dict(widened(kernels.state_dict(), both))
+    batch = Crops(data, ON_TILES, 2, 16, 0)(0)
+    with torch.no_grad():
+        features = [net(batch.measurement, batch.exposure, until="fine") for net in (kernels, both)]
+    torch.testing.assert_close(*features)
+    # The kernels do not see HDR-net yet.
+    tail = both.layers["tail"].weight
+    assert torch.equal(tail[:, :8], kernels.layers["tail"].weight) and not tail[:, 8:].any()
 
 
 def test_batch_norm_does_not_start_from_a_weights_file(data_folder, tmp_path):
