@@ -3,7 +3,7 @@
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Model, Plan, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use pix2hdr::synth::{Backend, Request, Synthesizer};
+use pix2hdr::synth::{Backend, Request, Synthesizer, check_fits};
 use pix2hdr::video::Video;
 
 fn model(preset: &str) -> Model {
@@ -102,6 +102,21 @@ fn times_are_those_of_frames_that_were_delivered() {
     let all = 5.0 * report.ms_per_frame() / 1e3;
     let [least, most] = [report.inference, report.wall].map(|time| time.as_secs_f64());
     assert!((0.999 * least..=most).contains(&all), "{all} s is not from {least} to {most} s");
+}
+
+/// A net that sees pixel values is for the response that it was trained with; a warning says so in one line.
+#[test]
+fn another_response_is_warned_of() {
+    let warning = |net: &str, form: Form| {
+        let sampler = Sampler::new(Pattern::built_in("mpve-1-4").unwrap(), form).unwrap();
+        let capture = sampler.sample(&truth(2, 8, 8)).unwrap();
+        check_fits(&Model::load(net).unwrap(), &capture.recording()).unwrap()
+    };
+    assert_eq!(warning("fast", Form::Gamma(2.2)), None);
+    assert_eq!(warning("paper-narrow", Form::Linear), None);
+    assert!(warning("paper-narrow", Form::Gamma(2.2)).unwrap().contains("has {\"gamma\":2.2}"));
+    let table = Form::Table(vec![(0.0, 0.0), (0.5, 0.6), (1.0, 1.0)]);
+    assert!(warning("paper-narrow", table).unwrap().ends_with("the capture has a table of 3 rows"));
 }
 
 /// A net knows a pattern of the user's own by its name.

@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
 use super::Backend;
 use super::cover::cover;
 use super::ensemble::views;
@@ -104,10 +106,16 @@ pub fn check_fits(model: &Model, recording: &Recording) -> Result<Option<String>
     model.check_pattern(&recording.pattern)?;
     let response = serde_json::to_value(recording.response.form()).unwrap_or_default();
     let trained = &model.trained.response;
+    let named = |response: &Value| match response.get("table").and_then(Value::as_array) {
+        Some(rows) => format!("a table of {} rows", rows.len()),
+        None => response.to_string(),
+    };
     Ok((trained != "any" && *trained != response).then(|| {
         format!(
-            "weights '{}' were trained for response {trained}, the capture has {response}",
-            model.graph.name
+            "weights '{}' were trained for response {}, the capture has {}",
+            model.graph.name,
+            named(trained),
+            named(&response)
         )
     }))
 }
