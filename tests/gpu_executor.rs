@@ -132,41 +132,53 @@ fn the_result_is_that_of_the_cpu_executor() {
     assert!(reduced > full, "f16 was not used");
 }
 
-/// A concatenation in the slot and with the stride of another one before it, but of numbers that stay f32.
+/// A concatenation in the slot and with the stride of another tensor before it, but of numbers that stay f32.
 #[test]
 fn concatenations_in_one_slot_are_two_tensors() {
-    let layer = |name: &str, input: &str, activation: &str| {
+    let convolution = |name: &str, channels: usize, input: &str, activation: &str| {
         format!(
-            r#"{{"name": "{name}", "op": "conv3d", "inputs": ["{input}"], "out_channels": 4, "kernel": [1, 1, 1],
+            r#"{{"name": "{name}", "op": "conv3d", "inputs": ["{input}"], "out_channels": {channels}, "kernel": [1, 1, 1],
             "stride": [1, 1, 1], "activation": "{activation}"}}"#
         )
     };
+    let layer = |name: &str, input: &str, activation: &str| convolution(name, 4, input, activation);
     let both = |name: &str, parts: [&str; 2]| {
         let [a, b] = parts;
         format!(r#"{{"name": "{name}", "op": "concat", "inputs": ["{a}", "{b}"]}}"#)
     };
-    let nodes = [
+    // Another concatenation, or a layer by itself; and parts that are written from the first one or from the last.
+    let concatenation = [
         layer("a", "features", "none"),
         layer("b", "features", "none"),
         both("first", ["a", "b"]),
         layer("c", "first", "none"),
-        layer("d", "c", "sigmoid"),
-        layer("e", "c", "sigmoid"),
-        both("second", ["d", "e"]),
-        r#"{"name": "irradiance", "op": "inverse_response", "inputs": ["second"],
-            "exposures": [1, 2, 3, 4, 5, 6, 7, 8]}"#
-            .to_owned(),
-    ]
-    .join(", ");
-    let plan = plan(&support::graph(2, 4, &nodes, "irradiance"), 6, 8);
-    let written = |name: &str| plan.steps.iter().find(|step| step.name == name).unwrap().output;
-    let [a, d] = ["a", "d"].map(written);
-    assert_eq!((a.slot, a.stride), (d.slot, d.stride), "they do not share a slot");
-    let measurement = measurement(&plan, 1);
-    let [full, reduced] =
-        [Precision::F32, Precision::F16].map(|p| run(&mut at(p, &plan).unwrap(), &plan, &measurement, 0));
-    let error = full.iter().zip(&reduced).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(error < 1e-2, "{error}");
+    ];
+    let alone = [convolution("a", 8, "features", "none"), layer("c", "a", "none")];
+    for (before, parts) in [
+        (&concatenation[..], ["d", "e"]),
+        (&concatenation, ["e", "d"]),
+        (&alone, ["d", "e"]),
+        (&alone, ["e", "d"]),
+    ] {
+        let behind = [
+            layer("d", "c", "sigmoid"),
+            layer("e", "c", "sigmoid"),
+            both("second", parts),
+            r#"{"name": "irradiance", "op": "inverse_response", "inputs": ["second"],
+                "exposures": [1, 2, 3, 4, 5, 6, 7, 8]}"#
+                .to_owned(),
+        ];
+        let nodes = [before, &behind].concat().join(", ");
+        let plan = plan(&support::graph(2, 4, &nodes, "irradiance"), 6, 8);
+        let written = |name: &str| plan.steps.iter().find(|step| step.name == name).unwrap().output;
+        let [a, d] = ["a", "d"].map(written);
+        assert_eq!((a.slot, a.stride), (d.slot, d.stride), "they do not share a slot");
+        let measurement = measurement(&plan, 1);
+        let [full, reduced] =
+            [Precision::F32, Precision::F16].map(|p| run(&mut at(p, &plan).unwrap(), &plan, &measurement, 0));
+        let error = full.iter().zip(&reduced).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(error < 1e-2, "{error} with parts {parts:?}");
+    }
 }
 
 #[test]

@@ -192,7 +192,8 @@ impl Case<'_> {
         let floors =
             self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count * self.ensemble)), precision);
         let per_frame = |seconds: f64| 1e3 * seconds / hop;
-        let median = 1e3 * wall.median() / frames;
+        let wall_per_frame = |seconds: f64| 1e3 * seconds / frames;
+        let median = wall_per_frame(wall.median());
         let mut checked = self.executor(oracle.plan().clone(), &calibration)?;
         let psnr_vs_oracle_db = match &whole {
             Some(whole) if oracle.is_whole() && self.ensemble == 1 => {
@@ -221,7 +222,7 @@ impl Case<'_> {
             height,
             frames: clip.capture.frames,
             ms_per_frame_median: median,
-            ms_per_frame_p95: 1e3 * wall.quantile(0.95) / frames,
+            ms_per_frame_p95: wall_per_frame(wall.quantile(0.95)),
             samples: wall.count(),
             frames_per_s: 1e3 / median,
             mpixel_per_s: 1e-3 * (width * height) as f64 / median,

@@ -246,9 +246,9 @@ impl Camera {
         } else {
             Noise { full_well_e: self.full_well, read_noise_e: self.read_noise }
         };
-        sampler.bit_depth = self.bit_depth.unwrap_or(10);
+        sampler.bit_depth = self.bit_depth.unwrap_or(sampler.bit_depth);
         sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
-        sampler.schedule_start = self.schedule_start.unwrap_or(0);
+        sampler.schedule_start = self.schedule_start.unwrap_or(sampler.schedule_start);
         sampler.seed = self.seed;
         Ok(sampler)
     }

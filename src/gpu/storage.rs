@@ -72,10 +72,10 @@ pub struct StepFormats {
 struct Held {
     /// Number of the tensor.
     tensor: usize,
-    /// Values between its pixels.
-    stride: usize,
-    /// First channels of the parts that were written, if it is a concatenation. A part that is written again belongs to
-    /// another concatenation, of the same stride.
+    /// Values between its pixels, if it is a concatenation.
+    stride: Option<usize>,
+    /// First channels of its parts that were written. A part that is written again belongs to another concatenation, of the
+    /// same stride.
     parts: Vec<usize>,
 }
 
@@ -90,14 +90,14 @@ impl Storage {
         slot_bytes[plan.measurement.slot] = plan.slots[plan.measurement.slot] * Format::F32.bytes();
         let steps = plan.usual_steps().iter().map(|step| {
             let View { slot, offset, stride, shape } = step.output;
+            let whole = (stride > shape.c.next_multiple_of(4)).then_some(stride);
             let channel = offset % stride;
             let held = &mut holds[slot];
-            if stride > shape.c.next_multiple_of(4) && held.stride == stride && !held.parts.contains(&channel)
-            {
+            if whole.is_some() && held.stride == whole && !held.parts.contains(&channel) {
                 held.parts.push(channel);
             } else {
                 formats.push(if step.full_precision { Format::F32 } else { reduced });
-                *held = Held { tensor: formats.len() - 1, stride, parts: vec![channel] };
+                *held = Held { tensor: formats.len() - 1, stride: whole, parts: vec![channel] };
             }
             let output_tensor = held.tensor;
             let input_tensors: Vec<usize> = step.inputs.iter().map(|view| holds[view.slot].tensor).collect();

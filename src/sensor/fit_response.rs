@@ -200,9 +200,9 @@ fn pairs(capture: &Capture) -> Result<Vec<Pair>, SensorError> {
             most[i] = most[i].max(y);
         }
     }
-    for (seen, total) in seen.iter().zip(sum.iter_mut().zip(&mut squares)) {
-        *total.0 /= seen.max(1.0);
-        *total.1 /= seen.max(1.0);
+    for (i, &seen) in seen.iter().enumerate() {
+        sum[i] /= seen.max(1.0);
+        squares[i] /= seen.max(1.0);
     }
     let usable = |i: usize| most[i] < SATURATED && (squares[i] - sum[i] * sum[i]).max(0.0).sqrt() < STATIC;
 

@@ -1,4 +1,4 @@
-//! Real recordings: timing, and a check for the most common mistake.
+//! Real recordings: timing, and checks for the most common mistakes.
 
 use std::borrow::Cow;
 
@@ -13,6 +13,9 @@ const STATIC: f32 = 0.1;
 
 /// Least number of pixel pairs for a verdict.
 const ENOUGH: usize = 64;
+
+/// Least part of white that the brightest pixels of a recording are expected to reach.
+const BRIGHT: f32 = 0.125;
 
 /// A capture whose frames hold the exposure that covers them, from one that holds the last finished read-out.
 ///
@@ -59,9 +62,6 @@ impl RatioCheck {
         })
     }
 }
-
-/// Least part of white that the brightest pixels of a recording are expected to reach.
-const BRIGHT: f32 = 0.125;
 
 /// What black and white level seem to be wrong with: no pixel gets far from black, or most are at white.
 pub fn check_levels(capture: &Capture) -> Option<String> {
