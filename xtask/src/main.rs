@@ -1,6 +1,7 @@
-//! Project chores: `cargo xtask test`, `test-training`, `mutants` and `fuzz`.
+//! Project chores: `cargo xtask test`, `test-training`, `mutants`, `fuzz` and `same-bits`.
 
 mod mutants;
+mod same_bits;
 
 use std::env;
 use std::io::{BufRead, BufReader};
@@ -15,7 +16,9 @@ const USAGE: &str = "usage: cargo xtask CHORE
        test             formatting, lints and all Rust tests, on software Vulkan if need be
        test-training    the tests of training/, with real PyTorch
        mutants [WORDS]  deliberate faults, each of which a test has to catch; those with WORDS in their name
-       fuzz [MINUTES]   broken files for every reader, 5 minutes if nothing else is said";
+       fuzz [MINUTES]   broken files for every reader, 5 minutes if nothing else is said
+       same-bits OLD_BINARY [--new BINARY] [--recordings FOLDER]... [--quick]
+                        whether the program computes the same as an older one, file by file; built if not named";
 
 fn main() -> ExitCode {
     let chore = env::args().nth(1);
@@ -24,6 +27,7 @@ fn main() -> ExitCode {
         Some("test-training") => test_training(),
         Some("mutants") => root().and_then(|root| mutants::mutants(&root, env::args().nth(2).as_deref())),
         Some("fuzz") => fuzz(env::args().nth(2)),
+        Some("same-bits") => root().and_then(|root| same_bits::same_bits(&root, env::args().skip(2))),
         _ => Err(USAGE.into()),
     };
     match outcome {
