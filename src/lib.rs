@@ -5,6 +5,8 @@
 
 pub mod baseline;
 pub mod bench;
+#[cfg(feature = "cli")]
+pub mod cli;
 pub mod cpu;
 pub mod dataset;
 mod error;
@@ -15,9 +17,7 @@ pub mod quality;
 pub mod scene;
 pub mod sensor;
 pub mod synth;
-mod system;
+pub mod system;
 pub mod video;
-#[cfg(feature = "view")]
-pub mod view;
 
 pub use error::{At, Error, Result};

@@ -2,17 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
-mod cli;
-
 fn main() -> ExitCode {
-    let arguments = cli::Arguments::parse();
-    match arguments.run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("pix2hdr: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    pix2hdr::cli::main()
 }

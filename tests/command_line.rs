@@ -341,3 +341,55 @@ fn an_interrupted_run_is_taken_up_again() {
     let left = fs::read_dir(folder.path()).unwrap().flatten();
     assert!(left.into_iter().all(|entry| !entry.file_name().to_string_lossy().contains("partial")));
 }
+
+/// A copy of the program in a folder where nothing else is, as after an installation.
+#[cfg(unix)]
+fn alone() -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("pix2hdr");
+    fs::copy(env!("CARGO_BIN_EXE_pix2hdr"), &program).unwrap();
+    (folder, program)
+}
+
+/// The viewer is a program of its own, beside this one or on PATH; it gets all arguments, and its exit code is passed on.
+#[test]
+#[cfg(unix)]
+fn view_starts_the_viewer() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let (folder, program) = alone();
+    let elsewhere = tempfile::tempdir().unwrap();
+    for place in [elsewhere.path(), folder.path()] {
+        let viewer = place.join("pix2hdr-viewer");
+        fs::write(&viewer, format!("#!/bin/sh\necho {} \"$@\"\nexit 7\n", place.display())).unwrap();
+        fs::set_permissions(&viewer, fs::Permissions::from_mode(0o755)).unwrap();
+        let started = |arguments: &[&str]| {
+            let output =
+                Command::new(&program).args(arguments).env("PATH", elsewhere.path()).output().unwrap();
+            assert_eq!(
+                output.status.code(),
+                Some(7),
+                "{arguments:?}: {}",
+                String::from_utf8_lossy(&output.stderr)
+            );
+            let said = String::from_utf8(output.stdout).unwrap();
+            said.strip_prefix(&format!("{}", place.display())).unwrap().trim().to_owned()
+        };
+        assert_eq!(started(&["view"]), "");
+        assert_eq!(started(&["view", "--help"]), "--help");
+        assert_eq!(started(&["view", "-h"]), "-h");
+        assert_eq!(started(&["view", "--rate", "30", "fan", "-v", "--", "-x"]), "--rate 30 fan -v -- -x");
+        assert_eq!(started(&["-v", "view", "leds"]), "-v leds");
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn without_the_viewer_a_line_says_how_to_get_it() {
+    let (folder, program) = alone();
+    for arguments in [&["view"][..], &["view", "--help"]] {
+        let output = Command::new(&program).args(arguments).env("PATH", folder.path()).output().unwrap();
+        let cure = "cargo build --release -p pix2hdr-viewer";
+        program::failed(&output, "view", &["pix2hdr-viewer", "PATH", cure], &folder.path().join("out"));
+    }
+}

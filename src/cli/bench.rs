@@ -3,19 +3,19 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::bench::{Case, Clip, Effort, Machine, Oracle, Peak, ProcessorPeak, Row, frontier};
+use crate::gpu::Variant;
+use crate::network::{self, Model, presets};
+use crate::scene::procedural;
+use crate::sensor::Pattern;
+use crate::synth::{self, Backend, Request, fitted};
+use crate::video::atomic;
+use crate::{Error, Result};
 use clap::Args;
-use pix2hdr::bench::{Case, Clip, Effort, Machine, Oracle, Peak, ProcessorPeak, Row, frontier};
-use pix2hdr::gpu::Variant;
-use pix2hdr::network::{self, Model, presets};
-use pix2hdr::scene::procedural;
-use pix2hdr::sensor::Pattern;
-use pix2hdr::synth::{self, Backend, Request, fitted};
-use pix2hdr::video::atomic;
-use pix2hdr::{Error, Result};
 use serde_json::json;
 
-use super::options::{Executor, Precision, Skip, allowed_error, show};
-use super::scene::{Size, at_least_one};
+use super::options::{Executor, Precision, Skip, allowed_error, at_least_one, show};
+use super::scene::Size;
 use super::stability::Stability;
 use super::table::{Table, figure, short};
 use super::terminal;

@@ -2,15 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::dataset::{self, Request, Source};
+use crate::scene::Panorama;
+use crate::sensor::{Pattern, Sampler};
+use crate::{Error, Result};
 use clap::Args;
-use pix2hdr::dataset::{self, Request, Source};
-use pix2hdr::scene::Panorama;
-use pix2hdr::sensor::{Pattern, Sampler};
-use pix2hdr::{Error, Result};
 use serde_json::json;
 
-use super::options::{ResponseOption, parse_response, show};
-use super::scene::at_least_one;
+use super::options::{ResponseOption, at_least_one, parse_response, show};
 use super::terminal;
 
 /// Makes training cubes: random clips from panoramas or from your own videos, through the camera simulator

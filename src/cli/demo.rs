@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use crate::baseline::box_filter;
+use crate::quality::{Panel, Plot, compare};
+use crate::scene::procedural;
+use crate::sensor::{Capture, hold_to_covering};
+use crate::synth::check_fits;
+use crate::video::{self, Video, Writing};
+use crate::{Error, Result};
 use clap::Args;
-use pix2hdr::baseline::box_filter;
-use pix2hdr::quality::{Panel, Plot, compare};
-use pix2hdr::scene::procedural;
-use pix2hdr::sensor::{Capture, hold_to_covering};
-use pix2hdr::synth::check_fits;
-use pix2hdr::video::{self, Video, Writing};
-use pix2hdr::{Error, Result};
 use serde_json::json;
 
 use super::options::{Camera, Engine, show};
@@ -138,7 +138,7 @@ impl Demo {
 /// The pixel whose tone-mapped irradiance changes most from frame to frame.
 fn liveliest(video: &Video) -> usize {
     let change = |pixel: usize| -> f64 {
-        let tone = |t: usize| pix2hdr::video::tone(f64::from(video.frame(t)[pixel]));
+        let tone = |t: usize| crate::video::tone(f64::from(video.frame(t)[pixel]));
         (1..video.frames).map(|t| (tone(t) - tone(t - 1)).powi(2)).sum()
     };
     (0..video.frame_len()).max_by(|&a, &b| change(a).total_cmp(&change(b))).unwrap_or(0)

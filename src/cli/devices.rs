@@ -1,8 +1,8 @@
 //! `pix2hdr devices`: what adapters there are.
 
+use crate::Result;
+use crate::gpu;
 use clap::Args;
-use pix2hdr::Result;
-use pix2hdr::gpu;
 use serde_json::json;
 
 use super::terminal;

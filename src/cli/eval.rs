@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use crate::Result;
+use crate::quality::compare;
+use crate::video;
 use clap::Args;
-use pix2hdr::Result;
-use pix2hdr::quality::compare;
-use pix2hdr::video;
 
 use super::terminal;
 

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use crate::Result;
+use crate::sensor::{Capture, check_exposure_ratio, check_levels, fit_response, hold_to_covering};
+use crate::video::check_free;
 use clap::Args;
-use pix2hdr::Result;
-use pix2hdr::sensor::{Capture, check_exposure_ratio, check_levels, fit_response, hold_to_covering};
-use pix2hdr::video::check_free;
 use serde_json::json;
 
 use super::options::{CaptureOptions, show};

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use pix2hdr::video::{VideoWriter, Writing};
-use pix2hdr::{At, Error, Result};
+use crate::video::{VideoWriter, Writing};
+use crate::{At, Error, Result};
 use serde_json::Value;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;

@@ -7,25 +7,27 @@ mod devices;
 mod eval;
 mod import;
 mod interrupt;
-mod options;
+pub mod options;
 mod sample;
 mod scene;
 mod stability;
 mod suite;
 mod synth;
 mod table;
-mod terminal;
-#[cfg(feature = "view")]
+pub mod terminal;
 mod view;
 mod weights;
 
+use std::process::ExitCode;
+
 use clap::{Parser, Subcommand};
-use pix2hdr::Result;
+
+use crate::Result;
 
 /// Turns the output of pixel-wise programmable cameras into 1000 fps HDR video.
 #[derive(Parser)]
 #[command(version, about, long_about = None, max_term_width = 100)]
-pub struct Arguments {
+struct Arguments {
     #[command(subcommand)]
     command: Command,
     /// Says more on standard error; twice, everything
@@ -43,16 +45,20 @@ enum Command {
     Eval(eval::Eval),
     Suite(suite::SuiteCommand),
     Bench(bench::Bench),
-    #[cfg(feature = "view")]
     View(view::View),
     Dataset(dataset::Dataset),
     Devices(devices::Devices),
     Weights(weights::Weights),
 }
 
+/// Runs the program with the arguments of this process.
+pub fn main() -> ExitCode {
+    terminal::exit_code("pix2hdr", Arguments::parse().run())
+}
+
 impl Arguments {
     /// Runs the command.
-    pub fn run(self) -> Result<()> {
+    fn run(self) -> Result<()> {
         terminal::log(self.verbose);
         match self.command {
             Command::Demo(command) => command.run(),
@@ -63,8 +69,7 @@ impl Arguments {
             Command::Eval(command) => command.run(),
             Command::Suite(command) => command.run(),
             Command::Bench(command) => command.run(),
-            #[cfg(feature = "view")]
-            Command::View(command) => command.run(),
+            Command::View(command) => command.run(self.verbose),
             Command::Dataset(command) => command.run(),
             Command::Devices(command) => command.run(),
             Command::Weights(command) => command.run(),

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::network::{self, Model};
+use crate::sensor::{Calibration, Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
+use crate::synth::{self, Backend, Options, Request, Synthesizer};
+use crate::{Error, Result};
 use clap::{Args, ValueEnum};
-use pix2hdr::network::{self, Model};
-use pix2hdr::sensor::{Calibration, Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
-use pix2hdr::synth::{self, Backend, Options, Request, Synthesizer};
-use pix2hdr::{Error, Result};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -43,6 +43,15 @@ pub struct Engine {
     /// down and backwards in time: as many times the work, for 0.2 to 0.3 dB with 8. The mpve patterns have 8
     #[arg(long, default_value_t = 1, value_name = "VIEWS", value_parser = clap::value_parser!(u8).range(1..=64))]
     pub ensemble: u8,
+}
+
+/// Parses a count of something that must not be empty.
+pub fn at_least_one(text: &str) -> std::result::Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("a whole number from 1".into()),
+        Ok(n) if n > 1 << 24 => Err("at most 16777216".into()),
+        Ok(n) => Ok(n),
+    }
 }
 
 /// Parses a change of l.

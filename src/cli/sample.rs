@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use crate::Result;
+use crate::sensor::Capture;
+use crate::video::{self, check_free};
 use clap::Args;
-use pix2hdr::Result;
-use pix2hdr::sensor::Capture;
-use pix2hdr::video::{self, check_free};
 use serde_json::json;
 
 use super::options::{Camera, show};

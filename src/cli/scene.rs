@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::scene::{self, Moves, Panorama, Rendering, Scene, Speed, procedural};
+use crate::video::{self, Video, Writing};
+use crate::{Error, Result};
 use clap::{Args, ValueEnum};
-use pix2hdr::scene::{self, Moves, Panorama, Rendering, Scene, Speed, procedural};
-use pix2hdr::video::{self, Video, Writing};
-use pix2hdr::{Error, Result};
 use serde_json::json;
 
-use super::options::show;
+use super::options::{at_least_one, show};
 use super::terminal;
 
 /// Writes a ground-truth HDR video: a built-in scene, or a clip from a panorama
@@ -60,15 +60,6 @@ pub struct Size {
     /// Samples per pixel and frame: instants of motion blur
     #[arg(long, default_value_t = 8, value_parser = at_least_one)]
     pub samples: usize,
-}
-
-/// Parses a count of something that must not be empty.
-pub fn at_least_one(text: &str) -> std::result::Result<usize, String> {
-    match text.parse() {
-        Ok(0) | Err(_) => Err("a whole number from 1".into()),
-        Ok(n) if n > 1 << 24 => Err("at most 16777216".into()),
-        Ok(n) => Ok(n),
-    }
 }
 
 /// What moves.

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use pix2hdr::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
-use pix2hdr::bench::{Sensitivity, Soak, sensitivity, soak};
-use pix2hdr::network::Model;
-use pix2hdr::scene::procedural;
-use pix2hdr::sensor::{Form, Pattern};
-use pix2hdr::synth::{Backend, Skip};
-use pix2hdr::video::atomic;
-use pix2hdr::{Error, Result};
+use crate::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
+use crate::bench::{Sensitivity, Soak, sensitivity, soak};
+use crate::network::Model;
+use crate::scene::procedural;
+use crate::sensor::{Form, Pattern};
+use crate::synth::{Backend, Skip};
+use crate::video::atomic;
+use crate::{Error, Result};
 use serde_json::json;
 
 use super::options::show;

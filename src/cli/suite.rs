@@ -2,16 +2,15 @@
 
 use std::path::PathBuf;
 
+use crate::network::Model;
+use crate::quality::{Method, Suite, SuiteReport};
+use crate::scene::Panorama;
+use crate::sensor::{Calibration, Form, Pattern, Response};
+use crate::{Error, Result};
 use clap::Args;
-use pix2hdr::network::Model;
-use pix2hdr::quality::{Method, Suite, SuiteReport};
-use pix2hdr::scene::Panorama;
-use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
-use pix2hdr::{Error, Result};
 use serde_json::json;
 
-use super::options::Engine;
-use super::scene::at_least_one;
+use super::options::{Engine, at_least_one};
 use super::terminal;
 
 /// Measures quality on the same deterministic clips for every method, from any folder of panoramas

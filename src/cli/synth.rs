@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::time::{Instant, UNIX_EPOCH};
 
+use crate::baseline::box_filter;
+use crate::network::Model;
+use crate::quality::{Comparison, ContactSheet, Panel};
+use crate::sensor::{CaptureFile, Recording, Timing, check_exposure_ratio, check_levels};
+use crate::synth::{Backend, Report, ResultFrame, Skipped, check_fits};
+use crate::video::{self, PreviewWriter, Video, Writing};
+use crate::{Error, Result};
 use clap::Args;
-use pix2hdr::baseline::box_filter;
-use pix2hdr::network::Model;
-use pix2hdr::quality::{Comparison, ContactSheet, Panel};
-use pix2hdr::sensor::{CaptureFile, Recording, Timing, check_exposure_ratio, check_levels};
-use pix2hdr::synth::{Backend, Report, ResultFrame, Skipped, check_fits};
-use pix2hdr::video::{self, PreviewWriter, Video, Writing};
-use pix2hdr::{Error, Result};
 use serde_json::{Value, json};
 
 use super::interrupt::{Resumable, stop_on_signal};

@@ -1,12 +1,24 @@
 //! What the user sees while a command runs: messages and progress on standard error, results on standard output.
 
 use std::io::Write;
+use std::process::ExitCode;
 use std::time::Duration;
 
+use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressStyle};
-use pix2hdr::{Error, Result};
 use serde::Serialize;
 use tracing_subscriber::EnvFilter;
+
+/// How `program` ends: a failure is one line on standard error.
+pub fn exit_code(program: &str, outcome: Result<()>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{program}: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
 
 /// Sends log messages to standard error.
 pub fn log(verbose: u8) {

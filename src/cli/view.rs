@@ -1,173 +1,59 @@
-//! `pix2hdr view`: the live viewer.
+//! `pix2hdr view`: starts the live viewer, a program of its own.
 
-use std::path::PathBuf;
+use std::env;
+use std::ffi::OsString;
+use std::io::{self, ErrorKind};
+use std::process::Command;
 
-use clap::{Args, ValueEnum};
-use pix2hdr::Result;
-use pix2hdr::network::Model;
-use pix2hdr::scene::Speed;
-use pix2hdr::view::engine::Dials;
-use pix2hdr::view::source::{Opening, Request};
-use pix2hdr::view::state::Settings;
-use pix2hdr::view::{self, Start, WindowDevice};
-use serde_json::json;
+use clap::Args;
 
-use super::options::{Camera, Engine};
-use super::scene::at_least_one;
-use super::terminal;
+use crate::{Error, Result};
+
+/// Name of the viewer's executable, without the system's suffix.
+const VIEWER: &str = "pix2hdr-viewer";
 
 /// Shows synthesis live in a window: mosaic, box filter, result and truth, playing
 ///
-/// SOURCE is a built-in scene (fan, leds, falling, …) seen by a simulated camera that runs live; a capture (capture.npy
-/// with capture.json, or their folder); an HDR video (.npy or a folder of .exr), which the simulated camera samples; or
-/// a panorama (.exr or .hdr, twice as wide as high), in which it moves. A live camera runs at --rate frames per second
-/// whether or not synthesis keeps up: then the oldest frames are dropped and counted. Files drop nothing. H shows all
-/// keys.
+/// Starts pix2hdr-viewer, which lies beside this program or on PATH, and hands it all arguments. `pix2hdr view --help`
+/// shows its options. In the repository, `cargo build --release -p pix2hdr-viewer` builds it.
 #[derive(Args)]
+#[command(disable_help_flag = true)]
 pub struct View {
-    /// Built-in scene, capture, video or panorama
-    #[arg(default_value = "fan")]
-    source: String,
-    /// Frames per second at first; 1000 is real speed for frames of 1 ms [default: as last time, or 30]
-    #[arg(long, value_name = "FPS", value_parser = rate)]
-    rate: Option<f64>,
-    /// Rows of scenes and clips of panoramas
-    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
-    height: usize,
-    /// Columns of scenes and clips of panoramas
-    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
-    width: usize,
-    /// How fast a clip of a panorama moves
-    #[arg(long, value_enum, default_value_t)]
-    speed: SpeedOption,
-    /// Ground truth of a capture
-    #[arg(long, value_name = "PATH")]
-    truth: Option<PathBuf>,
-    /// Show a video as it is, instead of sampling it and synthesising
-    #[arg(long)]
-    plain: bool,
-    /// Folder for saved frames and recordings
-    #[arg(long, default_value = "out/view", value_name = "FOLDER")]
-    out: PathBuf,
-    #[command(flatten)]
-    camera: Camera,
-    #[command(flatten)]
-    engine: Engine,
-    /// Which wgpu device draws the window
-    #[arg(long, value_enum, default_value_t, value_name = "DEVICE")]
-    window_device: WindowDeviceOption,
-    /// Close after so many seconds, and print how the interface kept up
-    #[arg(long, value_name = "SECONDS")]
-    seconds: Option<f64>,
-    /// With --seconds, print one JSON object
-    #[arg(long, requires = "seconds")]
-    json: bool,
-}
-
-/// What draws the window.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum WindowDeviceOption {
-    /// The GPU that synthesises; one of its own where software or the CPU synthesises
-    #[default]
-    Auto,
-    /// The one that synthesises: results stay on it
-    Shared,
-    /// One of its own: results come from main memory
-    Own,
-}
-
-/// How fast a clip of a panorama moves.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-enum SpeedOption {
-    /// Not at all
-    Static,
-    /// Up to 0.25 px/frame
-    #[default]
-    Slow,
-    /// 0.25 to 1 px/frame
-    Medium,
-    /// 1 to 2 px/frame
-    Fast,
-    /// 2 to 4 px/frame
-    Extreme,
-}
-
-/// Parses frames per second.
-fn rate(text: &str) -> std::result::Result<f64, String> {
-    let [least, most] = view::clock::RATE_RANGE;
-    match text.parse() {
-        Ok(rate) if (least..=most).contains(&rate) => Ok(rate),
-        _ => Err(format!("expected a number from {least} to {most}")),
-    }
+    /// What to show, and options of the viewer
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENT")]
+    arguments: Vec<OsString>,
 }
 
 impl View {
-    /// Runs the command.
-    pub fn run(&self) -> Result<()> {
-        let speed = match self.speed {
-            SpeedOption::Static => Speed::Static,
-            SpeedOption::Slow => Speed::Slow,
-            SpeedOption::Medium => Speed::Medium,
-            SpeedOption::Fast => Speed::Fast,
-            SpeedOption::Extreme => Speed::Extreme,
-        };
-        // What cannot work is said before a window opens.
-        Model::load(&self.engine.weights)?;
-        let start = Start {
-            request: Request::parse(&self.source),
-            opening: Opening {
-                sampler: self.camera.sampler()?,
-                extent: [self.height, self.width],
-                seed: self.camera.seed,
-                speed,
-                keys: self.camera.keys()?,
-                truth: self.truth.clone(),
-                plain: self.plain,
-            },
-            dials: Dials {
-                weights: self.engine.weights.clone(),
-                executor: self.engine.executor.request(),
-                adapter: self.engine.adapter.clone(),
-                precision: self.engine.precision.storage(),
-                skip: self.engine.skip.within(self.engine.allowed_error),
-                side: self.engine.tile,
-                hop: self.engine.hop.map(usize::from),
-                ensemble: usize::from(self.engine.ensemble),
-            },
-            out: self.out.clone(),
-            settings: Settings::path(),
-            rate: self.rate,
-            seconds: self.seconds,
-            device: match self.window_device {
-                WindowDeviceOption::Auto => WindowDevice::Auto,
-                WindowDeviceOption::Shared => WindowDevice::Shared,
-                WindowDeviceOption::Own => WindowDevice::Own,
-            },
-        };
-        let pace = view::run(start)?;
-        if self.seconds.is_none() {
-            return Ok(());
-        }
-        let json = json!({
-            "seconds": pace.seconds,
-            "start_ms": { "window": pace.start_ms[0], "picture": pace.start_ms[1] },
-            "passes": pace.passes,
-            "interval_ms": pace.interval_ms,
-            "pass_ms": pace.pass_ms,
-            "net_ms": pace.net_ms,
-            "results_stay_on_gpu": pace.on_gpu,
-            "frames": pace.frames,
-            "dropped": pace.dropped,
-            "memory_bytes": pace.memory,
-            "failure": pace.failure,
-        });
-        terminal::result(self.json, &json, || {
-            let [median, p95, most] = pace.interval_ms;
-            format!(
-                "{} passes of the interface in {:.0} s: every {median:.0} ms (95%: {p95:.0} ms, most {most:.0} ms); \
-                 {} frames delivered, {} dropped",
-                pace.passes, pace.seconds, pace.frames, pace.dropped
-            )
-        })
+    /// Runs the command, which does not return where the viewer starts.
+    pub fn run(&self, verbose: u8) -> Result<()> {
+        let name = format!("{VIEWER}{}", env::consts::EXE_SUFFIX);
+        let beside = env::current_exe().ok().map(|program| program.with_file_name(&name));
+        let viewer = beside.filter(|path| path.is_file()).unwrap_or_else(|| name.into());
+        let mut command = Command::new(&viewer);
+        command.args((0..verbose).map(|_| "-v")).args(&self.arguments);
+        let error = become_program(&mut command);
+        Err(Error::Usage(match error.kind() {
+            ErrorKind::NotFound => format!(
+                "the viewer, {VIEWER}, is neither beside this program nor on PATH; \
+                 `cargo build --release -p {VIEWER}` builds it, `cargo run --release -p {VIEWER} -- fan` starts it too"
+            ),
+            _ => format!("{} cannot be started: {error}", viewer.display()),
+        }))
+    }
+}
+
+/// Puts another program in the place of this one. Returns why it could not be started.
+#[cfg(unix)]
+fn become_program(command: &mut Command) -> io::Error {
+    std::os::unix::process::CommandExt::exec(command)
+}
+
+/// Runs another program and ends as it does. Returns why it could not be started.
+#[cfg(not(unix))]
+fn become_program(command: &mut Command) -> io::Error {
+    match command.status() {
+        Ok(status) => std::process::exit(status.code().unwrap_or(1)),
+        Err(error) => error,
     }
 }

@@ -1,8 +1,8 @@
 //! `pix2hdr weights`: what is in a weights file.
 
+use crate::Result;
+use crate::network::{Model, Plan, presets};
 use clap::Args;
-use pix2hdr::Result;
-use pix2hdr::network::{Model, Plan, presets};
 use serde_json::json;
 
 use super::terminal;

@@ -16,11 +16,11 @@ use wgpu::{
     ComputePassDescriptor, ShaderStages, TextureFormat, TextureUsages,
 };
 
-use super::frame::{Frame, Plane};
-use super::picture::{COMPUTED, Kinds, Picture};
-use super::place::Part;
-use super::tone::{BAYER, CLIPPED, COLOURS, Curve, DIVERGING, MANTISSA, ToneTable};
-use crate::network::{MU, SATURATED};
+use crate::frame::{Frame, Plane};
+use crate::picture::{COMPUTED, Kinds, Picture};
+use crate::place::Part;
+use crate::tone::{BAYER, CLIPPED, COLOURS, Curve, DIVERGING, MANTISSA, ToneTable};
+use pix2hdr::network::{MU, SATURATED};
 
 /// Rows and columns of pixels that a workgroup computes.
 const BLOCK: usize = 8;
@@ -34,14 +34,14 @@ const NO_SOURCE: u32 = u32::MAX;
 
 /// What a pane shows.
 #[derive(Clone)]
-pub(super) struct Shown {
-    pub(super) frame: Arc<Frame>,
-    pub(super) picture: Picture,
-    pub(super) part: Part,
-    pub(super) kinds: Arc<Kinds>,
-    pub(super) table: Arc<ToneTable>,
+pub(crate) struct Shown {
+    pub(crate) frame: Arc<Frame>,
+    pub(crate) picture: Picture,
+    pub(crate) part: Part,
+    pub(crate) kinds: Arc<Kinds>,
+    pub(crate) table: Arc<ToneTable>,
     /// Whether computed cells are marked.
-    pub(super) marked: bool,
+    pub(crate) marked: bool,
 }
 
 impl PartialEq for Shown {
@@ -54,17 +54,17 @@ impl PartialEq for Shown {
 }
 
 /// A pane's picture, to be drawn with the rest of the interface.
-pub(super) struct Painting {
+pub(crate) struct Painting {
     /// Number of the pane.
-    pub(super) pane: usize,
+    pub(crate) pane: usize,
     /// What it shows; nothing is black.
-    pub(super) shown: Option<Shown>,
+    pub(crate) shown: Option<Shown>,
     /// Where the part is, in points of the screen.
-    pub(super) rect: Rect,
+    pub(crate) rect: Rect,
     /// What of the screen shows it, black around it.
-    pub(super) around: Rect,
+    pub(crate) around: Rect,
     /// Whether its pixels are seen as such, instead of being interpolated.
-    pub(super) sharp: bool,
+    pub(crate) sharp: bool,
 }
 
 impl CallbackTrait for Painting {
@@ -194,7 +194,7 @@ impl Screen {
         let text = [
             &header(),
             include_str!("../../shaders/common/tone.wgsl"),
-            include_str!("../../shaders/picture.wgsl"),
+            include_str!("../shaders/picture.wgsl"),
         ]
         .concat();
         let colouring = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -215,7 +215,7 @@ impl Screen {
             entry(ShaderStages::FRAGMENT, 1, sampled),
             entry(ShaderStages::FRAGMENT, 2, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         ];
-        let pane = module("pane", include_str!("../../shaders/pane.wgsl").to_owned());
+        let pane = module("pane", include_str!("../shaders/pane.wgsl").to_owned());
         let drawing = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("pane"),
             layout: Some(&layout("pane", &bindings)),
@@ -530,20 +530,20 @@ fn header() -> String {
 }
 
 #[cfg(test)]
-#[path = "../../tests/support/offscreen.rs"]
+#[path = "../tests/support/offscreen.rs"]
 mod offscreen;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::{AdapterChoice, Gpu};
-    use crate::network::{Model, Precision};
-    use crate::sensor::{Capture, Form, Pattern, Sampler};
-    use crate::synth::{Active, Backend, Synthesizer};
-    use crate::video::Video;
-    use crate::view::frame::Computed;
-    use crate::view::tone::Display;
+    use crate::frame::Computed;
+    use crate::tone::Display;
     use eframe::egui::{pos2, vec2};
+    use pix2hdr::gpu::{AdapterChoice, Gpu};
+    use pix2hdr::network::{Model, Precision};
+    use pix2hdr::sensor::{Capture, Form, Pattern, Sampler};
+    use pix2hdr::synth::{Active, Backend, Synthesizer};
+    use pix2hdr::video::Video;
 
     fn gpu() -> Gpu {
         Gpu::open(&AdapterChoice { substring: None, allow_software: true }).unwrap().shared()

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::camera::LiveCamera;
-use crate::scene::{Moves, Panorama, Speed, procedural, suite_clip};
-use crate::sensor::{Capture, CaptureFile, Recording, Sampler};
-use crate::video::npy::CountsReader;
-use crate::video::{self, Video};
-use crate::{At, Error, Result};
+use crate::camera::LiveCamera;
+use pix2hdr::scene::{Moves, Panorama, Speed, procedural, suite_clip};
+use pix2hdr::sensor::{Capture, CaptureFile, Recording, Sampler};
+use pix2hdr::video::npy::CountsReader;
+use pix2hdr::video::{self, Video};
+use pix2hdr::{At, Error, Result};
 
 /// Frames within which a panorama's movers pass through the picture.
 const PASSAGE: usize = 512;

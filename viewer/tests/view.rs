@@ -1,5 +1,4 @@
 //! The viewer without a window: the engine's promises, and the interface through its accessibility tree.
-#![cfg(feature = "view")]
 
 #[path = "support/offscreen.rs"]
 mod offscreen;
@@ -17,13 +16,13 @@ use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use pix2hdr::synth::{Backend, Request as Executor, Skip, Synthesizer};
 use pix2hdr::video::{self, Video, Writing};
-use pix2hdr::view::clock::Reach;
-use pix2hdr::view::engine::{Dials, Engine, Phase, Status};
-use pix2hdr::view::picture::Picture;
-use pix2hdr::view::source::{Opening, Request};
-use pix2hdr::view::state::{Action, Arrangement, Settings};
-use pix2hdr::view::tone::Curve;
-use pix2hdr::view::{Start, Viewer, WindowDevice};
+use pix2hdr_viewer::clock::Reach;
+use pix2hdr_viewer::engine::{Dials, Engine, Phase, Status};
+use pix2hdr_viewer::picture::Picture;
+use pix2hdr_viewer::source::{Opening, Request};
+use pix2hdr_viewer::state::{Action, Arrangement, Settings};
+use pix2hdr_viewer::tone::Curve;
+use pix2hdr_viewer::{Start, Viewer, WindowDevice};
 
 const EXTENT: [usize; 2] = [24, 32];
 /// Long enough for the slowest machine; nothing waits for as long where all is well.
@@ -732,8 +731,7 @@ fn the_main_panels_are_laid_out_as_they_were() {
 #[cfg(target_os = "linux")]
 fn without_a_display_a_line_names_what_works() {
     for display in [None, Some(":4094")] {
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_pix2hdr"));
-        command.arg("view");
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_pix2hdr-viewer"));
         for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
             command.env_remove(name);
         }

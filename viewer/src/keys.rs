@@ -2,8 +2,8 @@
 
 use eframe::egui::{Key, Modifiers};
 
-use super::picture::Picture;
-use super::state::Action;
+use crate::picture::Picture;
+use crate::state::Action;
 
 /// A key and what it does.
 #[derive(Clone, Debug)]

@@ -1,13 +1,14 @@
-//! The live viewer.
+//! The live viewer, a program that `pix2hdr view` starts.
 //!
 //! Everything that can be said without a window is said in plain modules. [`source`] opens what is looked at, [`camera`]
 //! simulates one that runs live, and the [`engine`] synthesises on a thread of its own into the [`store`]. The [`state`]
 //! says what the interface is set to and what each action changes: the [`clock`] which frame is shown, [`place`] where,
 //! [`picture`] what of it, [`tone`] how bright; [`series`] and [`histogram`] are read off it, [`export`] writes it.
 //! `app`, `panes`, `panels` and `keys` draw this with egui, and add nothing to it but the drawing; `screen` draws the
-//! pictures, on the GPU.
+//! pictures, on the GPU. [`Arguments`] is the command line.
 
 mod app;
+mod arguments;
 pub mod camera;
 pub mod clock;
 pub mod engine;
@@ -27,3 +28,4 @@ pub mod store;
 pub mod tone;
 
 pub use app::{Pace, Start, Viewer, WindowDevice, run};
+pub use arguments::Arguments;

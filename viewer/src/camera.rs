@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use glam::Vec2;
 use rayon::ThreadPool;
 
-use super::clock::CameraClock;
-use crate::scene::{Rendering, Scene, render};
-use crate::sensor::{FrameSource, Recording, Sampler, Timing};
-use crate::video::Video;
-use crate::{Error, Result};
+use crate::clock::CameraClock;
+use pix2hdr::scene::{Rendering, Scene, render};
+use pix2hdr::sensor::{FrameSource, Recording, Sampler, Timing};
+use pix2hdr::video::Video;
+use pix2hdr::{Error, Result};
 
 /// Frames that are exposed before they are delivered together; a multiple of every built-in pattern's period.
 pub const BLOCK: usize = 32;
@@ -226,8 +226,8 @@ impl FrameSource for LiveRun<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::procedural;
-    use crate::sensor::{Form, Pattern};
+    use pix2hdr::scene::procedural;
+    use pix2hdr::sensor::{Form, Pattern};
 
     fn camera() -> LiveCamera {
         let sampler = Sampler::new(Pattern::built_in("mpve-1-4").unwrap(), Form::Linear).unwrap();

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::frame::Frame;
-use super::picture::{Kinds, Picture};
-use super::place::Part;
-use super::tone::ToneTable;
-use crate::video::{PreviewWriter, VideoWriter, Writing, png};
-use crate::{Error, Result};
+use crate::frame::Frame;
+use crate::picture::{Kinds, Picture};
+use crate::place::Part;
+use crate::tone::ToneTable;
+use pix2hdr::video::{PreviewWriter, VideoWriter, Writing, png};
+use pix2hdr::{Error, Result};
 
 /// Writes the irradiance of a frame that a pane shows as `frame-NUMBER.exr` into `folder`; raw pictures as they are.
 pub fn save_exr(folder: &Path, frame: &Frame, picture: Picture) -> Result<PathBuf> {
@@ -83,8 +83,8 @@ fn unused(folder: &Path, name: &str, extension: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::video;
-    use crate::view::tone::Display;
+    use crate::tone::Display;
+    use pix2hdr::video;
 
     fn frame(number: usize) -> Frame {
         let plane: Vec<f32> = (0..12).map(|i| (number * 12 + i) as f32 / 100.0).collect();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::math::tone;
+use pix2hdr::video::tone;
 
 /// How irradiance becomes brightness.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,7 +96,7 @@ impl Default for Display {
 }
 
 /// Bits of the mantissa that tell entries apart: steps of 0.2%.
-pub(super) const MANTISSA: u32 = 9;
+pub(crate) const MANTISSA: u32 = 9;
 /// Exponents of the table: from 2⁻³⁰, black in every curve, to 2¹⁰.
 const EXPONENTS: [i32; 2] = [-30, 10];
 
@@ -124,12 +124,12 @@ impl ToneTable {
     }
 
     /// Brightness in [0, 255], entry by entry: entries count steps of [`MANTISSA`] bits from [`ToneTable::FIRST`] on.
-    pub(super) fn entries(&self) -> &[f32] {
+    pub(crate) fn entries(&self) -> &[f32] {
         &self.brightness
     }
 
     /// Upper bits of the f32 that the first entry stands for.
-    pub(super) const FIRST: u32 = ((EXPONENTS[0] + 127) as u32) << MANTISSA;
+    pub(crate) const FIRST: u32 = ((EXPONENTS[0] + 127) as u32) << MANTISSA;
 
     /// The display.
     pub fn display(&self) -> Display {
@@ -167,7 +167,7 @@ impl ToneTable {
 
     /// Colour of a pixel value y in [0, 1].
     pub fn pixel_value(&self, y: f32, [row, column]: [usize; 2]) -> [u8; 3] {
-        if self.display.clipping && y >= crate::network::SATURATED as f32 {
+        if self.display.clipping && y >= pix2hdr::network::SATURATED as f32 {
             return CLIPPED;
         }
         if self.display.curve == Curve::FalseColour {
@@ -187,11 +187,11 @@ impl ToneTable {
 pub const CLIPPED: [u8; 3] = [255, 0, 200];
 
 /// Thresholds of ordered dithering.
-pub(super) const BAYER: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
+pub(crate) const BAYER: [[u8; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
 /// Colours of even steps of lightness that the colour-blind tell apart as well: points of the map cividis
 /// (Nuñez, Anderton, Renslow 2018).
-pub(super) const COLOURS: [[u8; 3]; 9] = [
+pub(crate) const COLOURS: [[u8; 3]; 9] = [
     [0, 34, 78],
     [18, 53, 112],
     [59, 73, 108],
@@ -204,7 +204,7 @@ pub(super) const COLOURS: [[u8; 3]; 9] = [
 ];
 
 /// From blue over grey to orange, told apart with any colour vision.
-pub(super) const DIVERGING: [[u8; 3]; 5] =
+pub(crate) const DIVERGING: [[u8; 3]; 5] =
     [[0, 90, 181], [98, 143, 190], [128, 128, 128], [214, 153, 84], [255, 140, 0]];
 
 /// The colour at `at`, in [0, 1], of evenly spaced `points`.
@@ -267,7 +267,7 @@ mod tests {
         // The µ-law is what pictures of `synth` are written with.
         for p in [0.0002, 0.01, 0.3, 1.0] {
             let byte = table(Curve::Mu, 0.0).colour(p, 0, 0)[0];
-            assert!(byte.abs_diff(crate::video::png::tone_byte(p)) <= 1);
+            assert!(byte.abs_diff(pix2hdr::video::png::tone_byte(p)) <= 1);
         }
     }
 

@@ -8,20 +8,20 @@ use eframe::egui::{
 };
 use eframe::egui_wgpu::Callback;
 
-use super::app::Viewer;
-use super::engine::Phase;
-use super::frame::Frame;
-use super::picture::Picture;
-use super::place::{Part, Placement};
-use super::screen::{Painting, Shown};
-use super::state::{Action, Arrangement, Settings};
+use crate::app::Viewer;
+use crate::engine::Phase;
+use crate::frame::Frame;
+use crate::picture::Picture;
+use crate::place::{Part, Placement};
+use crate::screen::{Painting, Shown};
+use crate::state::{Action, Arrangement, Settings};
 
 /// Points per pixel from which values are written into pixels.
 const VALUES_FROM: f32 = 44.0;
 /// Half the width of the strip where the divider is taken.
 const GRIP: f32 = 6.0;
 /// Colour of picked pixels, in order; told apart with any colour vision (Okabe and Ito).
-pub(super) const PICKS: [Color32; 4] = [
+pub(crate) const PICKS: [Color32; 4] = [
     Color32::from_rgb(230, 159, 0),
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(0, 158, 115),
@@ -30,7 +30,7 @@ pub(super) const PICKS: [Color32; 4] = [
 
 impl Viewer {
     /// Draws all panes.
-    pub(super) fn draw_panes(&mut self, ui: &mut Ui) {
+    pub(crate) fn draw_panes(&mut self, ui: &mut Ui) {
         let area = ui.available_rect_before_wrap();
         if area.width() < 8.0 || area.height() < 8.0 {
             return;
@@ -268,7 +268,7 @@ fn label(painter: &Painter, at: Pos2, align: Align2, text: &str, colour: Color32
 }
 
 /// A value in few characters.
-pub(super) fn short(value: f32) -> String {
+pub(crate) fn short(value: f32) -> String {
     match value.abs() {
         0.0 => "0".into(),
         v if v < 0.001 => format!("{value:.0e}"),

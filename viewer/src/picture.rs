@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::frame::{Frame, Plane};
-use super::place::Part;
-use super::tone::ToneTable;
-use crate::sensor::{Cell, Pattern};
+use crate::frame::{Frame, Plane};
+use crate::place::Part;
+use crate::tone::ToneTable;
+use pix2hdr::sensor::{Cell, Pattern};
 
 /// What a pane can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -106,7 +106,7 @@ impl Picture {
     }
 
     /// The planes that it is made of: one, or the two that are compared.
-    pub(super) fn planes(self) -> (Plane, Option<Plane>) {
+    pub(crate) fn planes(self) -> (Plane, Option<Plane>) {
         match self {
             Self::Mosaic | Self::SubFrames => (Plane::Mosaic, None),
             Self::Filtered => (Plane::Filtered, None),
@@ -118,7 +118,7 @@ impl Picture {
     }
 
     /// Whether cells that were computed can be marked in it.
-    pub(super) fn shows_cells(self) -> bool {
+    pub(crate) fn shows_cells(self) -> bool {
         matches!(self, Self::Ours | Self::Difference)
     }
 
@@ -182,7 +182,7 @@ fn finite(value: f32) -> f32 {
 }
 
 /// Colour of cells that were computed.
-pub(super) const COMPUTED: [u8; 3] = [230, 120, 0];
+pub(crate) const COMPUTED: [u8; 3] = [230, 120, 0];
 
 /// Most kinds of pixels that are told apart.
 const MOST_KINDS: usize = 16;
@@ -274,7 +274,7 @@ impl Kinds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::tone::Display;
+    use crate::tone::Display;
 
     fn frame(height: usize, width: usize) -> Frame {
         let plane = |scale: f32| Some((0..height * width).map(|i| scale * i as f32 / 100.0).collect());

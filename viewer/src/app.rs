@@ -10,21 +10,21 @@ use std::time::{Duration, Instant};
 
 use eframe::{egui, egui_wgpu};
 
-use super::clock::Reach;
-use super::engine::{Dials, Engine, Phase, Status};
-use super::export;
-use super::frame::Frame;
-use super::keys::{Binding, bindings};
-use super::picture::{Kinds, Picture};
-use super::screen::Screen;
-use super::source::{Opening, Request};
-use super::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
-use super::tone::ToneTable;
-use crate::gpu::Gpu;
-use crate::synth::{self, Backend};
-use crate::system;
-use crate::video::PreviewWriter;
-use crate::{Error, Result};
+use crate::clock::Reach;
+use crate::engine::{Dials, Engine, Phase, Status};
+use crate::export;
+use crate::frame::Frame;
+use crate::keys::{Binding, bindings};
+use crate::picture::{Kinds, Picture};
+use crate::screen::Screen;
+use crate::source::{Opening, Request};
+use crate::state::{Action, Effect, SCALES, Settings, State, Theme, WINDOW, nets};
+use crate::tone::ToneTable;
+use pix2hdr::gpu::Gpu;
+use pix2hdr::synth::{self, Backend};
+use pix2hdr::system;
+use pix2hdr::video::PreviewWriter;
+use pix2hdr::{Error, Result};
 
 /// Bytes of frames that are kept.
 const STORE_BYTES: usize = 512 << 20;
@@ -105,9 +105,9 @@ impl Start {
 
 /// A line for the user.
 #[derive(Clone, Debug)]
-pub(super) struct Message {
-    pub(super) text: String,
-    pub(super) bad: bool,
+pub(crate) struct Message {
+    pub(crate) text: String,
+    pub(crate) bad: bool,
     since: Instant,
 }
 
@@ -143,24 +143,24 @@ pub struct Pace {
 pub struct Viewer {
     /// What the interface is set to.
     pub state: State,
-    pub(super) engine: Engine,
+    pub(crate) engine: Engine,
     /// How the engine was at the beginning of this pass.
-    pub(super) status: Status,
-    pub(super) reach: Reach,
+    pub(crate) status: Status,
+    pub(crate) reach: Reach,
     /// The frame that is shown.
-    pub(super) shown: Option<Arc<Frame>>,
-    pub(super) kinds: Arc<Kinds>,
-    pub(super) table: Arc<ToneTable>,
+    pub(crate) shown: Option<Arc<Frame>>,
+    pub(crate) kinds: Arc<Kinds>,
+    pub(crate) table: Arc<ToneTable>,
     /// What is typed as a source.
-    pub(super) typed: String,
+    pub(crate) typed: String,
     /// Whether the cursor is to be put there.
-    pub(super) type_now: bool,
-    pub(super) messages: VecDeque<Message>,
-    pub(super) actions: Vec<Action>,
-    pub(super) bindings: Vec<Binding>,
+    pub(crate) type_now: bool,
+    pub(crate) messages: VecDeque<Message>,
+    pub(crate) actions: Vec<Action>,
+    pub(crate) bindings: Vec<Binding>,
     /// The GPU that synthesises and draws the window.
     shared: Option<Gpu>,
-    pub(super) drawing: Drawing,
+    pub(crate) drawing: Drawing,
     /// Whether the next frame was not there yet.
     waits: bool,
     start: Start,
@@ -171,11 +171,11 @@ pub struct Viewer {
 }
 
 /// How the window is drawn.
-pub(super) struct Drawing {
+pub(crate) struct Drawing {
     /// Whether it was not drawn yet.
     is_new: bool,
     /// Whether it has the panels' colour before anything is drawn.
-    pub(super) is_cleared: bool,
+    pub(crate) is_cleared: bool,
     /// Whether software draws it.
     is_software: bool,
 }
@@ -556,7 +556,7 @@ impl Viewer {
     }
 
     /// Sets light or dark.
-    pub(super) fn set_theme(&self, ctx: &egui::Context) {
+    pub(crate) fn set_theme(&self, ctx: &egui::Context) {
         ctx.set_theme(match self.state.settings.theme {
             Theme::System => egui::ThemePreference::System,
             Theme::Dark => egui::ThemePreference::Dark,
@@ -586,7 +586,7 @@ impl Message {
 }
 
 /// Bytes of memory that the process holds, where the system says (Linux).
-pub(super) fn resident_bytes() -> Option<u64> {
+pub(crate) fn resident_bytes() -> Option<u64> {
     system::status("VmRSS:")
 }
 

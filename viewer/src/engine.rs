@@ -9,18 +9,18 @@ use std::time::{Duration, Instant};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::camera::{BLOCK, HEAD_START, LiveCamera, LiveRun, Shared};
-use super::clock::CameraClock;
-use super::frame::{Computed, Frame};
-use super::source::{Opening, Request, Source};
-use super::store::{Generation, Store};
-use crate::baseline::box_filter;
-use crate::gpu::{Gpu, Results};
-use crate::network::{Graph, Model, Precision, Window};
-use crate::sensor::{Calibration, CaptureFile, FrameSource, Recording};
-use crate::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
-use crate::video::Video;
-use crate::{Error, Result};
+use crate::camera::{BLOCK, HEAD_START, LiveCamera, LiveRun, Shared};
+use crate::clock::CameraClock;
+use crate::frame::{Computed, Frame};
+use crate::source::{Opening, Request, Source};
+use crate::store::{Generation, Store};
+use pix2hdr::baseline::box_filter;
+use pix2hdr::gpu::{Gpu, Results};
+use pix2hdr::network::{Graph, Model, Precision, Window};
+use pix2hdr::sensor::{Calibration, CaptureFile, FrameSource, Recording};
+use pix2hdr::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
+use pix2hdr::video::Video;
+use pix2hdr::{Error, Result};
 
 /// Frames of which the times are kept.
 pub const HISTORY: usize = 240;

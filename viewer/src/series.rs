@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::frame::Frame;
-use crate::sensor::Recording;
+use crate::frame::Frame;
+use pix2hdr::sensor::Recording;
 
 /// Irradiance of one pixel over time.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::clock::{Clock, RATE_RANGE, Reach, Wish};
-use super::engine::Dials;
-use super::picture::Picture;
-use super::place::Look;
-use super::source::Request;
-use super::tone::{Curve, Display};
-use crate::network::{Precision, presets};
-use crate::sensor::Pattern;
-use crate::synth::{self, Skip};
-use crate::video::atomic;
-use crate::{At, Error, Result};
+use crate::clock::{Clock, RATE_RANGE, Reach, Wish};
+use crate::engine::Dials;
+use crate::picture::Picture;
+use crate::place::Look;
+use crate::source::Request;
+use crate::tone::{Curve, Display};
+use pix2hdr::network::{Precision, presets};
+use pix2hdr::sensor::Pattern;
+use pix2hdr::synth::{self, Skip};
+use pix2hdr::video::atomic;
+use pix2hdr::{At, Error, Result};
 
 /// How panes are arranged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::frame::Frame;
+use crate::frame::Frame;
 
 /// Least number of frames that are kept, however large they are.
 const LEAST: usize = 16;

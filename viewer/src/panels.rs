@@ -7,19 +7,19 @@ use eframe::egui::{
     RichText, ScrollArea, Sense, Slider, Stroke, TextStyle, Ui, WidgetInfo, pos2, vec2,
 };
 
-use super::app::{Viewer, resident_bytes};
-use super::clock::RATE_RANGE;
-use super::engine::{Dials, HISTORY, Phase};
-use super::histogram::{BINS, FIRST, histogram};
-use super::panes::{PICKS, short};
-use super::picture::Picture;
-use super::series::Series;
-use super::source::Request;
-use super::state::{ALLOWED_ERRORS, Action, Arrangement, EXECUTORS, EXPOSURES, PRECISIONS, skips};
-use super::tone::{Curve, STOPS};
-use crate::network::presets;
-use crate::scene::procedural;
-use crate::synth::{self, Skip};
+use crate::app::{Viewer, resident_bytes};
+use crate::clock::RATE_RANGE;
+use crate::engine::{Dials, HISTORY, Phase};
+use crate::histogram::{BINS, FIRST, histogram};
+use crate::panes::{PICKS, short};
+use crate::picture::Picture;
+use crate::series::Series;
+use crate::source::Request;
+use crate::state::{ALLOWED_ERRORS, Action, Arrangement, EXECUTORS, EXPOSURES, PRECISIONS, skips};
+use crate::tone::{Curve, STOPS};
+use pix2hdr::network::presets;
+use pix2hdr::scene::procedural;
+use pix2hdr::synth::{self, Skip};
 
 /// Colours of the lines of a time series, told apart with any colour vision (Okabe and Ito); widths too.
 const LINES: [(Color32, f32); 4] = [
@@ -36,7 +36,7 @@ const ROOM_FOR_SERIES: f32 = 420.0;
 
 impl Viewer {
     /// Draws everything.
-    pub(super) fn draw(&mut self, ui: &mut Ui) {
+    pub(crate) fn draw(&mut self, ui: &mut Ui) {
         self.set_theme(ui.ctx());
         let size = ui.available_size();
         let mut frame = Frame::side_top_panel(ui.style());

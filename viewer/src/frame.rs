@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::gpu::DeviceFrame;
-use crate::synth::Active;
+use pix2hdr::gpu::DeviceFrame;
+use pix2hdr::synth::Active;
 
 /// All planes [y, x] of one frame.
 #[derive(Clone, Debug, Default)]
