@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use wgpu::{BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, MapMode};
 
-use super::{CALLBACK_TIME, GpuExecutor, record};
+use super::GpuExecutor;
+use super::download::CALLBACK_TIME;
+use super::record::record;
 use crate::Result;
 use crate::gpu::{Gpu, GpuError};
 use crate::network::WindowTime;

@@ -1,0 +1,108 @@
+//! Which variant of a convolution is fastest here.
+
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use wgpu::{BufferUsages, MapMode};
+
+use super::GpuExecutor;
+use super::record::{Builder, Recorded};
+use crate::gpu::tune::Tuning;
+use crate::gpu::variant::Variant;
+use crate::gpu::weights::{loaded, stored};
+use crate::gpu::{Gpu, GpuError};
+use crate::network::Step;
+
+/// Bytes of its output in which variants of a convolution have to agree.
+const COMPARED_BYTES: usize = 1 << 22;
+
+impl Builder<'_> {
+    /// The fastest variant of a convolution, if there was time to find it.
+    pub(super) fn tune(
+        &mut self,
+        index: usize,
+        step: &Step,
+        tuning: &mut Tuning,
+    ) -> Result<Option<Variant>, GpuError> {
+        let gpu = self.gpu.clone();
+        let call = self.call(index, step, None)?;
+        let Some(extent) = call.extent else { return Ok(None) };
+        let candidates = Variant::candidates(extent, self.target.abilities);
+        let formats = &self.storage.steps[index];
+        let (input, output) = (step.inputs[0].slot, step.output.slot);
+        let mut expected: Option<Vec<f32>> = None;
+        let variant = tuning.variant(&gpu, &call.text, &candidates, |variant| {
+            if expected.is_none() {
+                let count = self.storage.slot_bytes[input] / formats.inputs[0].bytes();
+                let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
+                gpu.queue.write_buffer(&self.slots[input], 0, &stored(&values, formats.inputs[0]));
+            }
+            let recorded = self.bind(index, step, &self.call(index, step, Some(variant))?)?;
+            // Or a variant that writes nothing would show what the one before it wrote.
+            clear(&gpu, [&self.slots[output]]);
+            let time = time(&gpu, &recorded)?;
+            // Not every driver may number the invocations of a subgroup as teams want it.
+            let begin = step.output.offset * formats.output.bytes();
+            let end = self.storage.slot_bytes[output].min(begin + COMPARED_BYTES);
+            let result = loaded(&read(&gpu, &self.slots[output], begin..end)?, formats.output);
+            let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
+            expected.get_or_insert(result);
+            Ok::<_, GpuError>(same.then_some(time))
+        })?;
+        if expected.is_some() {
+            clear(&gpu, [&self.slots[input], &self.slots[output]]);
+        }
+        Ok(variant)
+    }
+}
+
+/// Time of one dispatch of a step: the shortest of several runs, each of them long enough to be measured.
+fn time(gpu: &Gpu, step: &Recorded) -> Result<Duration, GpuError> {
+    const LONG_ENOUGH: Duration = Duration::from_millis(3);
+    let run = |count: u32| {
+        let begun = Instant::now();
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        for _ in 0..count {
+            GpuExecutor::encode(std::slice::from_ref(step), &mut encoder);
+        }
+        gpu.wait(gpu.queue.submit([encoder.finish()]))?;
+        Ok(begun.elapsed())
+    };
+    run(1)?;
+    let once = run(1)?.max(Duration::from_micros(10));
+    let count = (LONG_ENOUGH.as_secs_f64() / once.as_secs_f64()).ceil() as u32;
+    let mut shortest = Duration::MAX;
+    for _ in 0..3 {
+        shortest = run(count)?.min(shortest);
+    }
+    Ok(shortest / count)
+}
+
+/// Fills buffers with zeros.
+fn clear<const N: usize>(gpu: &Gpu, buffers: [&wgpu::Buffer; N]) {
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    for buffer in buffers {
+        encoder.clear_buffer(buffer, 0, None);
+    }
+    gpu.queue.submit([encoder.finish()]);
+}
+
+/// Some bytes of a buffer, from a multiple of 4 to another.
+fn read(gpu: &Gpu, buffer: &wgpu::Buffer, range: Range<usize>) -> Result<Vec<u8>, GpuError> {
+    let bytes = range.len() as u64;
+    let copy = gpu.buffer("result", bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    encoder.copy_buffer_to_buffer(buffer, range.start as u64, &copy, 0, bytes);
+    let submission = gpu.queue.submit([encoder.finish()]);
+    copy.map_async(MapMode::Read, .., |_| {});
+    gpu.wait(submission)?;
+    let values = copy.get_mapped_range(..).map_err(|error| GpuError::Failed(error.to_string()))?;
+    Ok(values.to_vec())
+}
+
+/// Whether two variants computed the same, but for rounding.
+fn agree(a: &[f32], b: &[f32]) -> bool {
+    const TOLERANCE: f32 = 2e-3;
+    let scale = a.iter().fold(0.0f32, |largest, value| largest.max(value.abs()));
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= TOLERANCE * scale)
+}
