@@ -123,7 +123,7 @@ pub fn write(
 }
 
 fn json(value: &impl Serialize) -> Result<Vec<u8>> {
-    serde_json::to_vec(value).map_err(|e| Error::Usage(e.to_string()))
+    Ok(serde_json::to_vec(value)?)
 }
 
 fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serde_json::Value> {

@@ -20,4 +20,4 @@ pub mod synth;
 pub mod system;
 pub mod video;
 
-pub use error::{At, Error, Result};
+pub use error::{At, Error, ModuleError, Result};

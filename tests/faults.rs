@@ -11,12 +11,12 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use pix2hdr::Result;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError};
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, CaptureFile, Form, FrameSource, Noise, Pattern, Recording, Sampler};
 use pix2hdr::synth::{Backend, Options, Synthesizer};
 use pix2hdr::video::{self, Video};
-use pix2hdr::{Error, Result};
 use program::{pix2hdr, weights, within_limits};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -349,7 +349,7 @@ fn a_device_is_lost() {
             gpu.destroy();
         }
     });
-    assert!(matches!(outcome, Err(Error::Gpu(GpuError::Lost(_)))), "{outcome:?}");
+    assert!(matches!(outcome.as_ref().unwrap_err().cause(), Some(GpuError::Lost(_))), "{outcome:?}");
     assert!((51..400).contains(&begun.len()), "{} frames", begun.len());
     let mut fresh = synthesizer(&capture, &Backend::Gpu(open(), Precision::F32));
     let (rest, outcome) = stream(&mut fresh, &mut *capture.frames(), begun.len(), |_| {});

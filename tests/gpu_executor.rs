@@ -288,13 +288,10 @@ fn overflow_of_f32_is_reported_at_f16() {
     let mut executor = at(Precision::F16, &plan).unwrap();
     let mut result = vec![0.0; plan.result.shape.len()];
     for _ in 0..2 {
-        match executor.run(&measurement(&plan, 1), 0, &mut result) {
-            Err(Error::Gpu(GpuError::Overflow { step, value })) => {
-                assert_eq!(step, "level1block1a");
-                assert!(value.parse::<f32>().unwrap() > 65504.0, "{value}");
-            }
-            other => panic!("{other:?}"),
-        }
+        let error = executor.run(&measurement(&plan, 1), 0, &mut result).unwrap_err();
+        let Some(GpuError::Overflow { step, value }) = error.cause() else { panic!("{error:?}") };
+        assert_eq!(step, "level1block1a");
+        assert!(value.parse::<f32>().unwrap() > 65504.0, "{value}");
         assert!(result.iter().all(|p| p.is_finite()));
     }
 }
@@ -344,11 +341,11 @@ fn windows_overlap() {
         results.push(result.clone());
     }
     assert!(results == expected, "overlapping windows differ from single ones");
-    assert!(matches!(executor.collect(&mut result), Err(Error::Usage(_))), "nothing is in flight");
+    assert!(matches!(executor.collect(&mut result), Err(Error::Misuse(_))), "nothing is in flight");
     for _ in 0..GpuExecutor::IN_FLIGHT {
         executor.submit(&windows[0].0, 0).unwrap();
     }
-    assert!(matches!(executor.submit(&windows[0].0, 0), Err(Error::Usage(_))), "too many are in flight");
+    assert!(matches!(executor.submit(&windows[0].0, 0), Err(Error::Misuse(_))), "too many are in flight");
 }
 
 #[test]
@@ -487,10 +484,8 @@ fn a_lost_device_is_reported_as_lost() {
     executor.run(&measurement, 0, &mut result).unwrap();
     gpu.destroy();
     for _ in 0..2 {
-        match executor.run(&measurement, 0, &mut result) {
-            Err(Error::Gpu(GpuError::Lost(_))) => {}
-            other => panic!("{other:?}"),
-        }
+        let error = executor.run(&measurement, 0, &mut result).unwrap_err();
+        assert!(matches!(error.cause(), Some(GpuError::Lost(_))), "{error:?}");
     }
     assert!(matches!(GpuExecutor::new(&gpu, plan, &calibration()), Err(GpuError::Lost(_))));
 }

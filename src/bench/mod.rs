@@ -15,6 +15,15 @@ mod sensitivity;
 mod soak;
 pub mod stability;
 
+use crate::ModuleError;
+
+/// A figure that the program itself promises was not kept.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct CheckFailed(pub String);
+
+impl ModuleError for CheckFailed {}
+
 pub use check::Oracle;
 pub use clip::Clip;
 pub use floors::{Floors, Peak, Work};

@@ -2,13 +2,13 @@
 
 use serde::Serialize;
 
-use super::machine;
+use super::{CheckFailed, machine};
+use crate::Result;
 use crate::network::Model;
 use crate::sensor::{Form, FrameSource, Noise, Pattern, Recording, Sampler};
 use crate::synth::Options;
 use crate::synth::{Backend, Skip, Synthesizer};
 use crate::video::Video;
-use crate::{Error, Result};
 
 /// What came out of a long recording of a constant scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -71,7 +71,8 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
     let report = synthesizer.stream(&mut source, 0, |frame| {
         let last = &mut before[frame.number % len];
         if let Some(at) = frame.values.iter().position(|p| !p.is_finite()) {
-            return Err(Error::Usage(format!("frame {}: value {at} is not finite", frame.number)));
+            let problem = format!("frame {}: value {at} is not finite", frame.number);
+            return Err(CheckFailed(problem).into());
         }
         if inside.contains(&frame.number) && !last.is_empty() && *last != frame.values {
             differing += 1;
@@ -86,7 +87,7 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
         Ok(())
     })?;
     if report.frames != frames {
-        return Err(Error::Usage(format!("{} of {frames} frames came", report.frames)));
+        return Err(CheckFailed(format!("{} of {frames} frames came", report.frames)).into());
     }
     Ok(Soak {
         frames,

@@ -6,13 +6,14 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
+use super::CheckFailed;
 use super::check::psnr;
+use crate::Result;
 use crate::cpu::CpuExecutor;
 use crate::cpu::bound::step_errors;
 use crate::network::{Activation, Convolution, Executor, Graph, Layer, Model, Op, Plan, Shape, presets};
 use crate::sensor::{Calibration, Form, Pattern, Response};
 use crate::synth::Backend;
-use crate::{Error, Result};
 
 /// Pixel values that are hard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -346,7 +347,8 @@ impl Trial<'_> {
             executor.run(&measurement, schedule, &mut result)?;
             outcome.rescaled = executor.rescaled();
             if let Some(at) = result.iter().position(|p| !p.is_finite()) {
-                return Err(Error::Usage(format!("{}: value {at} is {}", outcome.what(), result[at])));
+                let problem = format!("{}: value {at} is {}", outcome.what(), result[at]);
+                return Err(CheckFailed(problem).into());
             }
             oracle.run(&measurement, schedule, &mut exact)?;
             outcome.psnr_db = Some(psnr([(&exact[..], &result[..])].into_iter(), width));

@@ -181,7 +181,7 @@ impl Bench {
         let report = json!({
             "machine": machine, "rows": rows, "files": files.each_ref().map(|path| show(path)),
         });
-        let text = serde_json::to_vec_pretty(&report).map_err(|e| Error::Usage(e.to_string()))?;
+        let text = serde_json::to_vec_pretty(&report)?;
         atomic::write_bytes(&files[2], &text)?;
         terminal::result(self.json, &report, || {
             let names = files.each_ref().map(|path| show(path)).join(", ");

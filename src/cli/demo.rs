@@ -98,7 +98,7 @@ impl Demo {
         json["scene"] = json!(self.scene);
         json["measures"] = measures;
         json["files"] = files.iter().map(|path| show(path)).collect();
-        let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::Usage(e.to_string()))?;
+        let text = serde_json::to_vec_pretty(&json)?;
         video::atomic::write_bytes(report_path, &text)?;
         terminal::result(self.json, &json, || {
             let psnr = |method: &str| json["measures"][method]["psnr_mu"].as_f64().unwrap_or(f64::NAN);

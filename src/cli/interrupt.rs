@@ -77,7 +77,7 @@ impl Note {
     }
 
     fn write(&mut self, made: &Value) -> Result<()> {
-        let text = serde_json::to_vec_pretty(made).map_err(|e| Error::Usage(e.to_string()))?;
+        let text = serde_json::to_vec_pretty(made)?;
         let mut write = || {
             self.file.set_len(0)?;
             self.file.rewind()?;

@@ -356,7 +356,7 @@ impl CaptureOptions {
 }
 
 fn to_json(value: &impl Serialize) -> Result<Value> {
-    serde_json::to_value(value).map_err(|e| Error::Usage(e.to_string()))
+    Ok(serde_json::to_value(value)?)
 }
 
 /// The name of a file or folder for reports.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
-use crate::bench::{Sensitivity, Soak, sensitivity, soak};
+use crate::bench::{CheckFailed, Sensitivity, Soak, sensitivity, soak};
 use crate::network::Model;
 use crate::scene::procedural;
 use crate::sensor::{Form, Pattern};
@@ -58,7 +58,7 @@ impl Stability<'_> {
         let report = json!({
             "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
         });
-        let text = serde_json::to_vec_pretty(&report).map_err(|e| Error::Usage(e.to_string()))?;
+        let text = serde_json::to_vec_pretty(&report)?;
         atomic::write_bytes(path, &text)?;
         terminal::result(json, &report, || {
             let tables = [
@@ -72,7 +72,7 @@ impl Stability<'_> {
         })?;
         // A figure above 1 is a failure of this program, whoever asks.
         match outcomes.iter().find(|outcome| outcome.fraction() > 1.0) {
-            Some(outcome) => Err(Error::Usage(format!("{}: a step leaves its bound", outcome.what()))),
+            Some(outcome) => Err(CheckFailed(format!("{}: a step leaves its bound", outcome.what())).into()),
             None => Ok(()),
         }
     }

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use crate::Result;
 use crate::network::Model;
 use crate::quality::{Method, Suite, SuiteReport};
 use crate::scene::Panorama;
 use crate::sensor::{Calibration, Form, Pattern, Response};
-use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
@@ -63,7 +63,7 @@ impl SuiteCommand {
         let bar = terminal::progress(Suite::clips(panoramas.len()), "clips");
         let report = suite.run(&panoramas, &mut methods, |done| bar.set_position(done as u64))?;
         bar.finish_and_clear();
-        let mut json = serde_json::to_value(&report).map_err(|e| Error::Usage(e.to_string()))?;
+        let mut json = serde_json::to_value(&report)?;
         json["ran_on"] = json!(backend.adapter().unwrap_or_else(|| backend.name().to_owned()));
         terminal::result(self.json, &json, || {
             format!("{}\nran on {}", table(&report, &methods), json["ran_on"].as_str().unwrap_or_default())

@@ -182,7 +182,7 @@ impl Synth {
             let path = folder.join("report.json");
             files.push(path.clone());
             json["files"] = files.iter().map(|path| show(path)).collect();
-            let text = serde_json::to_vec_pretty(&json).map_err(|e| Error::Usage(e.to_string()))?;
+            let text = serde_json::to_vec_pretty(&json)?;
             video::atomic::write_bytes(path, &text)?;
         } else {
             json["files"] = files.iter().map(|path| show(path)).collect();
@@ -210,8 +210,8 @@ impl Synth {
             "capture_modified": modified.map(|time| time.as_secs()),
             // What a file held that the description only names.
             "response": serde_json::to_value(file.recording.response.form())
-                .map_err(|e| Error::Usage(e.to_string()))?,
-            "info": serde_json::to_value(&file.recording.info).map_err(|e| Error::Usage(e.to_string()))?,
+                ?,
+            "info": serde_json::to_value(&file.recording.info)?,
             "weights_digest": model.digest(),
             "half": self.half,
             "hop": self.engine.hop,

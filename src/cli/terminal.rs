@@ -4,7 +4,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use crate::{Error, Result};
+use crate::Result;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use tracing_subscriber::EnvFilter;
@@ -43,11 +43,7 @@ pub fn warn(message: &str) {
 
 /// Prints a result: one JSON object if `json`, else what `text` says.
 pub fn result(json: bool, value: &impl Serialize, text: impl FnOnce() -> String) -> Result<()> {
-    let text = if json {
-        serde_json::to_string_pretty(value).map_err(|e| Error::Usage(e.to_string()))?
-    } else {
-        text()
-    };
+    let text = if json { serde_json::to_string_pretty(value)? } else { text() };
     match writeln!(std::io::stdout(), "{text}") {
         // Whoever reads has seen enough.
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),

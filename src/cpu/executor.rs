@@ -156,7 +156,7 @@ impl<R: Real> CpuExecutor<R> {
 
     fn start(&mut self, measurement: &[f32], schedule: i64, follows: bool) -> Result<()> {
         if self.result.is_some() {
-            return Err(Error::Usage("a window is computed; collect it first".into()));
+            return Err(Error::Misuse("a window is computed; collect it first".into()));
         }
         let mut memory = self.load(measurement)?;
         let is_known = self.used > 0 && memory.uses == self.used + 1;
@@ -370,7 +370,7 @@ impl<R: Real> Executor for CpuExecutor<R> {
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
         let Some(values) = self.result.take() else {
-            return Err(Error::Usage("no window was submitted".into()));
+            return Err(Error::Misuse("no window was submitted".into()));
         };
         result.copy_from_slice(&values);
         self.shared.memory().free.push(values);
@@ -427,5 +427,5 @@ fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {
     if len == wanted {
         return Ok(());
     }
-    Err(Error::Usage(format!("{what} has {len} values, the plan wants {wanted}")))
+    Err(Error::Misuse(format!("{what} has {len} values, the plan wants {wanted}")))
 }

@@ -151,7 +151,7 @@ impl GpuExecutor {
     /// [`GpuExecutor::IN_FLIGHT`] windows can be in flight.
     pub fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
         if self.in_flight.len() == Self::IN_FLIGHT {
-            return Err(Error::Usage(format!(
+            return Err(Error::Misuse(format!(
                 "{} windows are in flight; collect one first",
                 Self::IN_FLIGHT
             )));
@@ -166,7 +166,7 @@ impl GpuExecutor {
     pub fn collect(&mut self, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
         let Some(InFlight { download, submission, window }) = self.in_flight.pop_front() else {
-            return Err(Error::Usage("no window is in flight".into()));
+            return Err(Error::Misuse("no window is in flight".into()));
         };
         let mut overflow = self.finish(download, submission, result)?;
         while let (Some(overflowed), Some((measurement, schedule))) = (overflow, &window) {
@@ -257,7 +257,7 @@ impl Executor for GpuExecutor {
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
         if !self.in_flight.is_empty() {
-            return Err(Error::Usage("a window is in flight; collect it first".into()));
+            return Err(Error::Misuse("a window is in flight; collect it first".into()));
         }
         self.submit(measurement, schedule)?;
         self.collect(result)
@@ -320,5 +320,5 @@ fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {
     if len == wanted {
         return Ok(());
     }
-    Err(Error::Usage(format!("{what} has {len} values, the plan wants {wanted}")))
+    Err(Error::Misuse(format!("{what} has {len} values, the plan wants {wanted}")))
 }

@@ -79,6 +79,8 @@ pub enum GpuError {
     Failed(String),
 }
 
+impl crate::error::ModuleError for GpuError {}
+
 impl GpuError {
     /// Whether the device is gone.
     pub fn is_lost(&self) -> bool {

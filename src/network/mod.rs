@@ -58,3 +58,5 @@ pub enum NetworkError {
     #[error("preset '{0}' has no trained weights yet; train it, or name a weights file")]
     Untrained(String),
 }
+
+impl crate::error::ModuleError for NetworkError {}

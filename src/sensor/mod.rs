@@ -54,3 +54,5 @@ pub enum SensorError {
     #[error("capture: {0}")]
     Capture(String),
 }
+
+impl crate::error::ModuleError for SensorError {}

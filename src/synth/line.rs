@@ -270,7 +270,7 @@ impl<'a> Line<'a> {
                 cell: [self.cells.size[1], self.cells.size[2]],
                 inference,
             };
-            self.deliver.send(frame).map_err(|_| Error::Usage("nobody takes the result".into()))?;
+            self.deliver.send(frame).map_err(|_| Error::Stopped)?;
             self.done.frames += 1;
         }
         Ok(())

@@ -46,6 +46,10 @@ struct Entry {
     used: u64,
 }
 
+fn is_out_of_memory(error: &Error) -> bool {
+    matches!(error.cause(), Some(GpuError::OutOfMemory { .. }))
+}
+
 /// The model with windows of another number of result frames.
 pub fn with_hop(model: &Model, hop: usize) -> Model {
     let mut model = model.clone();
@@ -97,7 +101,7 @@ impl Pool {
                     self.backend.executor_sharing(plan.clone(), &self.calibration, tuned, &self.shared);
                 match made {
                     // How much memory there is, a GPU does not say before.
-                    Err(Error::Gpu(GpuError::OutOfMemory { .. })) if self.drop_oldest() => {}
+                    Err(error) if is_out_of_memory(&error) && self.drop_oldest() => {}
                     made => break made?,
                 }
             };

@@ -252,11 +252,10 @@ impl Synthesizer {
             let compute = || self.compute(&recording, from, arriving, deliver);
             let outcome = catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|_| {
                 self.pool.clear();
-                Err(Error::Usage("the thread that computes frames panicked".into()))
+                Err(Error::Panicked("computes frames"))
             });
             // What went wrong while writing is why nothing could be delivered any more.
-            let written =
-                writer.join().map_err(|_| Error::Usage("the thread that writes frames panicked".into()))?;
+            let written = writer.join().map_err(|_| Error::Panicked("writes frames"))?;
             written?;
             let mut report = outcome?;
             report.wall = begun.elapsed();
@@ -445,7 +444,7 @@ fn read(source: &mut dyn FrameSource, padding: &Padding<'_>, frames: &SyncSender
         let mut values = vec![0.0; padding.extent[0] * padding.extent[1]];
         // Without a word, the end of this thread would pass for the end of the recording.
         let next = catch_unwind(AssertUnwindSafe(|| source.next(&mut values)))
-            .unwrap_or_else(|_| Err(Error::Usage("the thread that reads frames panicked".into())));
+            .unwrap_or_else(|_| Err(Error::Panicked("reads frames")));
         let frame = match next {
             Ok(true) => Ok(padding.pad(values)),
             Ok(false) => return,

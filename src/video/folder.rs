@@ -367,6 +367,9 @@ fn replace(complete: Working, destination: &Path, overwrite: bool) -> Result<()>
 
 type Job = (usize, Vec<f32>);
 
+/// What the threads of a pool do.
+const WRITES: &str = "writes pictures";
+
 /// Threads that write pictures. Few frames wait at a time, so that a slow disk slows the caller down instead
 /// of
 /// filling the memory.
@@ -403,7 +406,7 @@ impl Pool {
     fn write(&self, t: usize, plane: Vec<f32>) -> Result<()> {
         self.check()?;
         let sent = self.jobs.as_ref().is_some_and(|jobs| jobs.send((t, plane)).is_ok());
-        if sent { Ok(()) } else { Err(Error::Usage("the threads that write pictures have ended".into())) }
+        if sent { Ok(()) } else { Err(Error::Panicked(WRITES)) }
     }
 
     /// Waits for all that was given to the pool.
@@ -412,7 +415,7 @@ impl Pool {
         let ends: Vec<_> = self.threads.drain(..).map(JoinHandle::join).collect();
         let panicked = ends.iter().any(thread::Result::is_err);
         self.check()?;
-        if panicked { Err(Error::Usage("a thread that writes pictures panicked".into())) } else { Ok(()) }
+        if panicked { Err(Error::Panicked(WRITES)) } else { Ok(()) }
     }
 
     fn check(&self) -> Result<()> {

@@ -32,6 +32,9 @@ pub enum VideoError {
     /// The file is not what its name promises.
     #[error("{0}")]
     Format(String),
+    /// The program that encodes videos is missing or failed.
+    #[error("{0}")]
+    Encoder(String),
     /// A pixel is NaN, infinite or negative.
     #[error("frame {frame}, row {row}, column {column} is {value}")]
     Pixel {
@@ -45,6 +48,8 @@ pub enum VideoError {
         value: f32,
     },
 }
+
+impl crate::error::ModuleError for VideoError {}
 
 /// Most pixels of one picture: 16384×16384.
 pub(crate) const MAX_PIXELS: usize = 1 << 28;

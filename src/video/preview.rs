@@ -2,8 +2,9 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 
+use super::VideoError;
 use super::atomic::make_parent;
 use super::png::tone_byte;
 use crate::{At, Error, Result};
@@ -11,10 +12,18 @@ use crate::{At, Error, Result};
 /// Writes frames into an `ffmpeg` process. Dropped unfinished, it leaves no file behind.
 #[derive(Debug)]
 pub struct PreviewWriter {
-    encoder: Child,
+    // Dropped in this order: no more frames, then no encoder.
+    frames: ChildStdin,
+    encoder: Encoder,
     path: PathBuf,
-    part: PathBuf,
     bytes: Vec<u8>,
+}
+
+/// The process, and the file that it writes.
+#[derive(Debug)]
+struct Encoder {
+    process: Child,
+    part: PathBuf,
 }
 
 impl PreviewWriter {
@@ -31,7 +40,7 @@ impl PreviewWriter {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         // The ending stays, since ffmpeg chooses the container by it.
         let part = folder.join(format!(".pix2hdr-{}-{name}", std::process::id()));
-        let encoder = Command::new("ffmpeg")
+        let mut process = Command::new("ffmpeg")
             .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "gray"])
             .args(["-s", &format!("{width}x{height}"), "-r", &rate.max(1).to_string(), "-i", "-"])
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
@@ -40,44 +49,42 @@ impl PreviewWriter {
             .stdout(Stdio::null())
             .spawn()
             .map_err(|error| match error.kind() {
-                std::io::ErrorKind::NotFound => {
-                    Error::Usage("a preview video needs ffmpeg, which is not installed".into())
-                }
+                std::io::ErrorKind::NotFound => Error::from(VideoError::Encoder(
+                    "a preview video needs ffmpeg, which is not installed".into(),
+                )),
                 _ => error.into(),
             })
             .at(path)?;
-        Ok(Self { encoder, path: path.to_owned(), part, bytes: Vec::new() })
+        let frames = process.stdin.take().expect("it is piped");
+        let encoder = Encoder { process, part };
+        Ok(Self { frames, encoder, path: path.to_owned(), bytes: Vec::new() })
     }
 
     /// Appends a frame of irradiance.
     pub fn push(&mut self, frame: &[f32]) -> Result<()> {
         self.bytes.clear();
         self.bytes.extend(frame.iter().map(|&p| tone_byte(p)));
-        match &mut self.encoder.stdin {
-            Some(stdin) => stdin.write_all(&self.bytes).at(&self.path),
-            None => Err(Error::Usage("the preview is finished already".into())),
-        }
+        self.frames.write_all(&self.bytes).at(&self.path)
     }
 
     /// Completes the file and returns its path.
-    pub fn finish(mut self) -> Result<PathBuf> {
-        drop(self.encoder.stdin.take());
-        let status = self.encoder.wait().at(&self.path)?;
+    pub fn finish(self) -> Result<PathBuf> {
+        let Self { frames, mut encoder, path, .. } = self;
+        drop(frames);
+        let status = encoder.process.wait().at(&path)?;
         if !status.success() {
-            return Err(Error::Usage(format!("ffmpeg failed ({status})"))).at(&self.path);
+            return Err(VideoError::Encoder(format!("ffmpeg failed ({status})"))).at(&path);
         }
-        std::fs::rename(&self.part, &self.path).at(&self.path)?;
-        Ok(self.path.clone())
+        std::fs::rename(&encoder.part, &path).at(&path)?;
+        Ok(path)
     }
 }
 
-impl Drop for PreviewWriter {
+impl Drop for Encoder {
     fn drop(&mut self) {
-        if self.encoder.stdin.take().is_some() {
-            // Failures to clean up have nobody to hear of them.
-            let _ = self.encoder.kill();
-            let _ = self.encoder.wait();
-        }
+        // Failures to clean up have nobody to hear of them, and a process that was waited for is not there any more.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
         let _ = std::fs::remove_file(&self.part);
     }
 }

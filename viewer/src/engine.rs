@@ -15,7 +15,7 @@ use crate::frame::{Computed, Frame};
 use crate::source::{Opening, Request, Source};
 use crate::store::{Generation, Store};
 use pix2hdr::baseline::box_filter;
-use pix2hdr::gpu::{Gpu, Results};
+use pix2hdr::gpu::{Gpu, GpuError, Results};
 use pix2hdr::network::{Graph, Model, Precision, Window};
 use pix2hdr::sensor::{Calibration, CaptureFile, FrameSource, Recording};
 use pix2hdr::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
@@ -402,7 +402,7 @@ impl Worker {
                     continue;
                 }
                 Err(error) => {
-                    if matches!(error, Error::Gpu(_)) {
+                    if error.cause::<GpuError>().is_some() {
                         // What has failed once is not used for the next source, or after the next seek.
                         (self.backend, self.synthesizer) = (None, None);
                     }
@@ -699,11 +699,7 @@ fn shorten(graph: &mut Graph) -> Result<()> {
 
 /// Whether a GPU has gone.
 fn is_lost(error: &Error) -> bool {
-    match error {
-        Error::Gpu(error) => error.is_lost(),
-        Error::File { source, .. } => is_lost(source),
-        _ => false,
-    }
+    error.cause().is_some_and(GpuError::is_lost)
 }
 
 /// A source whose frames are remembered until their results are there.
@@ -794,7 +790,7 @@ impl Delivery<'_> {
             self.store.push(self.generation, frame)
         };
         if !kept {
-            return Err(Error::Usage("the frames begin anew".into()));
+            return Err(Error::Stopped);
         }
         self.count.fetch_add(1, Ordering::Relaxed);
         self.news.is_out();

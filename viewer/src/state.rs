@@ -15,7 +15,7 @@ use pix2hdr::network::{Precision, presets};
 use pix2hdr::sensor::Pattern;
 use pix2hdr::synth::{self, Skip};
 use pix2hdr::video::atomic;
-use pix2hdr::{At, Error, Result};
+use pix2hdr::{At, Result};
 
 /// How panes are arranged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -146,7 +146,7 @@ impl Settings {
 
     /// Writes them.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = serde_json::to_vec_pretty(self).map_err(|e| Error::Usage(e.to_string())).at(path)?;
+        let text = serde_json::to_vec_pretty(self).at(path)?;
         atomic::write_bytes(path, &text)
     }
 
