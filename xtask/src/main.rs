@@ -2,6 +2,8 @@
 
 mod mutants;
 mod same_bits;
+#[cfg(test)]
+mod structure;
 
 use std::env;
 use std::io::{BufRead, BufReader};

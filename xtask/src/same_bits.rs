@@ -79,9 +79,9 @@ pub fn same_bits(root: &Path, arguments: impl Iterator<Item = String>) -> Result
     if differ == 0 { Ok(()) } else { Err(format!("what differs is in {}", work.display())) }
 }
 
-/// The program of this tree. The viewer is no part of what is compared, and takes longest to compile.
+/// The program of this tree.
 fn build(root: &Path) -> Result<PathBuf> {
-    run(cargo().args(["build", "--release", "--bin", "pix2hdr", "--no-default-features"]).current_dir(root))?;
+    run(cargo().args(["build", "--release", "--package", "pix2hdr", "--bin", "pix2hdr"]).current_dir(root))?;
     Ok(target(root).join("release").join(format!("pix2hdr{}", std::env::consts::EXE_SUFFIX)))
 }
 

@@ -70,8 +70,16 @@ impl Inputs {
         commands.iter().map(|line| words(line)).collect()
     }
 
-    fn path(&self, name: &str) -> String {
-        self.folder.join(name).display().to_string()
+    /// The case of a line of arguments, in which `{NAME}` stands for an input.
+    fn case(&self, line: &str, threads: Option<usize>) -> Case {
+        let input = |word: &str| {
+            let name = word.strip_prefix('{').and_then(|word| word.strip_suffix('}'));
+            name.map(|name| self.folder.join(name).display().to_string())
+        };
+        let arguments = words(line).into_iter().map(|word| input(&word).unwrap_or(word)).collect();
+        let with_threads = threads.map_or_else(String::new, |n| format!(" on {n} threads"));
+        let name = line.replace(['{', '}'], "").replace('/', "-") + &with_threads;
+        Case { name, arguments, threads, gpu: line.contains("--executor gpu") }
     }
 }
 
@@ -80,117 +88,133 @@ fn words(line: &str) -> Vec<String> {
     line.split_whitespace().map(str::to_owned).collect()
 }
 
+/// The CPU, and the folder of results.
+const CPU: &str = "--executor cpu --out result";
+
 /// All cases; those of the `quick` form are a part of each kind but that on a GPU.
 pub fn all(inputs: &Inputs, quick: bool) -> Vec<Case> {
-    let mut cases = Vec::new();
-    // `{NAME}` stands for an input.
-    let mut add = |line: &str, threads: Option<usize>| {
-        let arguments: Vec<String> = words(line)
-            .into_iter()
-            .map(|word| match word.strip_prefix('{').and_then(|word| word.strip_suffix('}')) {
-                Some(input) => inputs.path(input),
-                None => word,
-            })
-            .collect();
-        let threads_name = threads.map_or_else(String::new, |n| format!(" on {n} threads"));
-        let name = line.replace(['{', '}'], "").replace('/', "-") + &threads_name;
-        cases.push(Case { name, arguments, threads, gpu: line.contains("--executor gpu") });
-    };
-    let cpu = "--executor cpu --out result";
+    let mut lines = Vec::new();
     for recording in &inputs.recordings {
         let whole = if quick { format!("{recording}-small") } else { recording.clone() };
-        for net in NETS {
-            add(&format!("synth {{{whole}}} --weights {net} {cpu}"), None);
-        }
-    }
-    if !quick {
-        for recording in &inputs.recordings {
-            add(&format!("synth {{{recording}}} --tile 64 --ensemble 2 --skip bounded {cpu}"), None);
-            add(&format!("synth {{{recording}}} --skip bounded {cpu}"), None);
+        lines.extend(NETS.map(|net| format!("synth {{{whole}}} --weights {net} {CPU}")));
+        if !quick {
+            lines.push(format!("synth {{{recording}}} --skip bounded {CPU}"));
+            lines.push(format!("synth {{{recording}}} --tile 64 --ensemble 2 --skip bounded {CPU}"));
         }
     }
     let varied = if quick { &inputs.recordings[..1] } else { &inputs.recordings[..] };
     for recording in varied {
-        let (small, tile) = (format!("{recording}-small"), 24);
-        let synth = format!("synth {{{small}}} {cpu}");
-        for how in [
-            "--half",
-            "--hop 8",
-            "--ensemble 2",
-            "--skip exact",
-            "--skip bounded",
-            "--skip bounded --allowed-error 0.02 --hop 16",
-            "--timing hold",
-            "--schedule-start -5",
-        ] {
-            add(&format!("{synth} {how}"), None);
+        lines.extend(ways(&format!("{{{recording}-small}}")));
+    }
+    lines.extend(simulated());
+    lines.extend(other_commands(quick));
+    let mut cases: Vec<Case> = lines.iter().map(|line| inputs.case(line, None)).collect();
+    for threads in [1, 2] {
+        let small = format!("{{{}-small}}", inputs.recordings[0]);
+        for how in ["", " --weights tiny --hop 8 --skip bounded", " --tile 24 --ensemble 2"] {
+            cases.push(inputs.case(&format!("synth {small} {CPU}{how}"), Some(threads)));
         }
-        for net in NETS {
-            add(&format!("{synth} --weights {net} --tile {tile} --hop 16"), None);
-        }
-        add(&format!("{synth} --weights tiny --ensemble 8 --skip bounded --tile {tile}"), None);
-        add(&format!("{synth}.npy --weights tiny"), None);
-        add(&format!("{synth}.npy --weights tiny --half"), None);
-        for threads in [1, 2] {
-            add(&synth, Some(threads));
-            add(&format!("{synth} --weights tiny --hop 8 --skip bounded"), Some(threads));
-        }
-        add(&format!("import {{{small}/capture.npy}} --out imported"), None);
-        add(&format!("import {{{small}/capture.npy}} --out imported --timing hold"), None);
-    }
-    for net in ["tiny", "fast"] {
-        add(&format!("synth {{static}} --weights {net} --skip exact --hop 8 {cpu}"), None);
-        add(&format!("synth {{noise-free}} --weights {net} --skip exact --hop 8 {cpu}"), None);
-        add(&format!("synth {{partly-still}} --weights {net} --skip bounded --hop 8 {cpu}"), None);
-        add(&format!("synth {{noisy}} --weights {net} --truth {{fan.npy}} {cpu}"), None);
-        add(&format!("synth {{held}} --weights {net} --hop 8 {cpu}"), None);
-    }
-    for pattern in ["mpve-1-8", "mpve-1-16"] {
-        add(&format!("synth {{{pattern}}} {cpu}"), None);
-        add(&format!("synth {{{pattern}}} --ensemble 2 --tile 24 --skip bounded --hop 16 {cpu}"), None);
-    }
-    add(&format!("synth {{gamma}} --weights tiny {cpu}"), None);
-    add(&format!("synth {{noisy}} --weights tiny --dead-pixels {{dead.txt}} --missing-count 0 {cpu}"), None);
-    add("import {gamma/capture.npy} --out imported --response linear --fit-response", None);
-    add("import {held/capture.npy} --out imported", None);
-
-    let [frames, height, width] = if quick { SMALL } else { [64, 128, 128] };
-    let size = format!("--frames {frames} --height {height} --width {width}");
-    add(&format!("demo fan {size} {cpu}"), None);
-    add(&format!("demo fan --hold {size} {cpu}"), None);
-    add(&format!("demo leds --pattern mpve-1-8 --skip bounded {size} {cpu}"), None);
-    let size = "--frames 6 --height 24 --width 40";
-    for scene in SCENES {
-        add(&format!("scene {scene} --out truth.npy --seed 5 {size}"), None);
-    }
-    add(&format!("scene fan --out truth --half {size}"), None);
-    for moves in ["pan", "object", "both"] {
-        let panorama = "{panoramas/frame-00000.exr}";
-        add(&format!("scene fast --panorama {panorama} --moves {moves} --out truth.npy {size}"), None);
-    }
-    for pattern in PATTERNS {
-        add(&format!("sample {{fan.npy}} --out capture --pattern {pattern} --seed 3 --normalise"), None);
-    }
-    add("sample {fan.npy} --out capture --response soft-knee:0.6 --bit-depth 12 --hold", None);
-    add("dataset --panoramas {panoramas} --out cubes --cubes 3 --frames 12 --size 16", None);
-    add("eval {fan.npy} {edge.npy}", None);
-    add("suite tiny --panoramas {panoramas} --weights tiny --executor cpu --frames 9 --size 16", None);
-    for net in NETS.iter().chain(&["fast-1-8", "fast-1-16"]) {
-        add(&format!("weights {net}"), None);
     }
     if !quick {
-        for precision in ["f32", "f16"] {
-            let gpu = format!("--executor gpu --precision {precision} --out result");
-            let small = format!("{{{}-small}}", inputs.recordings[0]);
-            for net in NETS {
-                add(&format!("synth {small} --weights {net} --hop 16 {gpu}"), None);
-            }
-            add(&format!("synth {small} --tile 24 --ensemble 2 {gpu}"), None);
-            add(&format!("synth {{partly-still}} --skip bounded --hop 8 {gpu}"), None);
-            add(&format!("synth {{mpve-1-16}} {gpu}"), None);
-        }
+        let small = format!("{{{}-small}}", inputs.recordings[0]);
+        cases.extend(on_gpu(&small).iter().map(|line| inputs.case(line, None)));
     }
     cases
+}
+
+/// Every way to compute a small recording.
+fn ways(small: &str) -> Vec<String> {
+    let synth = format!("synth {small} {CPU}");
+    let ways = [
+        "--half",
+        "--hop 8",
+        "--ensemble 2",
+        "--skip exact",
+        "--skip bounded",
+        "--skip bounded --allowed-error 0.02 --hop 16",
+        "--timing hold",
+        "--schedule-start -5",
+        "--weights tiny --ensemble 8 --skip bounded --tile 24",
+    ];
+    let mut lines: Vec<String> = ways.iter().map(|how| format!("{synth} {how}")).collect();
+    lines.extend(NETS.map(|net| format!("{synth} --weights {net} --tile 24 --hop 16")));
+    lines.push(format!("{synth}.npy --weights tiny"));
+    lines.push(format!("{synth}.npy --weights tiny --half"));
+    let array = small.replace('}', "/capture.npy}");
+    lines.push(format!("import {array} --out imported"));
+    lines.push(format!("import {array} --out imported --timing hold"));
+    lines
+}
+
+/// What recordings do not have: repetition to the bit, other patterns, responses and defects, and a ground truth.
+fn simulated() -> Vec<String> {
+    let mut lines = Vec::new();
+    for net in ["tiny", "fast"] {
+        for what in [
+            "{static} --skip exact --hop 8",
+            "{noise-free} --skip exact --hop 8",
+            "{partly-still} --skip bounded --hop 8",
+            "{noisy} --truth {fan.npy}",
+            "{held} --hop 8",
+        ] {
+            lines.push(format!("synth {what} --weights {net} {CPU}"));
+        }
+    }
+    for pattern in ["{mpve-1-8}", "{mpve-1-16}"] {
+        lines.push(format!("synth {pattern} {CPU}"));
+        lines.push(format!("synth {pattern} --ensemble 2 --tile 24 --skip bounded --hop 16 {CPU}"));
+    }
+    lines.push(format!("synth {{gamma}} --weights tiny {CPU}"));
+    lines.push(format!("synth {{noisy}} --weights tiny --dead-pixels {{dead.txt}} --missing-count 0 {CPU}"));
+    lines.push("import {gamma/capture.npy} --out imported --response linear --fit-response".into());
+    lines.push("import {held/capture.npy} --out imported".into());
+    lines
+}
+
+/// Commands other than `synth` and `import`.
+fn other_commands(quick: bool) -> Vec<String> {
+    let [frames, height, width] = if quick { SMALL } else { [64, 128, 128] };
+    let size = format!("--frames {frames} --height {height} --width {width}");
+    let mut lines = vec![
+        format!("demo fan {size} {CPU}"),
+        format!("demo fan --hold {size} {CPU}"),
+        format!("demo leds --pattern mpve-1-8 --skip bounded {size} {CPU}"),
+    ];
+    let size = "--frames 6 --height 24 --width 40";
+    lines.extend(SCENES.map(|scene| format!("scene {scene} --out truth.npy --seed 5 {size}")));
+    lines.push(format!("scene fan --out truth --half {size}"));
+    let panorama = "{panoramas/frame-00000.exr}";
+    lines.extend(
+        ["pan", "object", "both"]
+            .map(|moves| format!("scene fast --panorama {panorama} --moves {moves} --out truth.npy {size}")),
+    );
+    lines.extend(
+        PATTERNS.map(|pattern| {
+            format!("sample {{fan.npy}} --out capture --pattern {pattern} --seed 3 --normalise")
+        }),
+    );
+    for line in [
+        "sample {fan.npy} --out capture --response soft-knee:0.6 --bit-depth 12 --hold",
+        "dataset --panoramas {panoramas} --out cubes --cubes 3 --frames 12 --size 16",
+        "eval {fan.npy} {edge.npy}",
+        "suite tiny --panoramas {panoramas} --weights tiny --executor cpu --frames 9 --size 16",
+    ] {
+        lines.push(line.into());
+    }
+    lines.extend(NETS.iter().chain(&["fast-1-8", "fast-1-16"]).map(|net| format!("weights {net}")));
+    lines
+}
+
+fn on_gpu(small: &str) -> Vec<String> {
+    let mut lines = Vec::new();
+    for precision in ["f32", "f16"] {
+        let gpu = format!("--executor gpu --precision {precision} --out result");
+        lines.extend(NETS.map(|net| format!("synth {small} --weights {net} --hop 16 {gpu}")));
+        lines.push(format!("synth {small} --tile 24 --ensemble 2 {gpu}"));
+        lines.push(format!("synth {{partly-still}} --skip bounded --hop 8 {gpu}"));
+        lines.push(format!("synth {{mpve-1-16}} {gpu}"));
+    }
+    lines
 }
 
 /// A list of dead pixels for [`SMALL`] frames.
