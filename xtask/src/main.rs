@@ -1,6 +1,8 @@
-//! Project chores: `cargo xtask test`, `test-training`, `mutants`, `fuzz` and `same-bits`.
+//! Project chores: `cargo xtask test`, `test-training`, `mutants`, `fuzz`, `same-bits`, `record` and
+//! `results`.
 
 mod mutants;
+mod results;
 mod same_bits;
 #[cfg(test)]
 mod structure;
@@ -20,7 +22,11 @@ const USAGE: &str = "usage: cargo xtask CHORE
        mutants [WORDS]  deliberate faults, each of which a test has to catch; those with WORDS in their name
        fuzz [MINUTES]   broken files for every reader, 5 minutes if nothing else is said
        same-bits OLD_BINARY [--new BINARY] [--recordings FOLDER]... [--quick]
-                        whether the program computes the same as an older one, file by file; built if not named";
+                        whether the program computes the same as an older one, file by file; built if not named
+       record NAME -- ARGUMENTS
+                        runs the program and keeps what it prints as docs/results/NAME.json
+       results [--check]
+                        makes the tables of figures in documents from those records";
 
 fn main() -> ExitCode {
     let chore = env::args().nth(1);
@@ -30,6 +36,8 @@ fn main() -> ExitCode {
         Some("mutants") => root().and_then(|root| mutants::mutants(&root, env::args().nth(2).as_deref())),
         Some("fuzz") => fuzz(env::args().nth(2)),
         Some("same-bits") => root().and_then(|root| same_bits::same_bits(&root, env::args().skip(2))),
+        Some("record") => root().and_then(|root| results::record(&root, env::args().skip(2))),
+        Some("results") => root().and_then(|root| results::results(&root, env::args().skip(2))),
         _ => Err(USAGE.into()),
     };
     match outcome {

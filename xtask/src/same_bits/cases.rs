@@ -209,9 +209,10 @@ fn on_gpu(small: &str) -> Vec<String> {
     let mut lines = Vec::new();
     for precision in ["f32", "f16"] {
         let gpu = format!("--executor gpu --precision {precision} --out result");
-        lines.extend(NETS.map(|net| format!("synth {small} --weights {net} --hop 16 {gpu}")));
-        lines.push(format!("synth {small} --tile 24 --ensemble 2 {gpu}"));
-        lines.push(format!("synth {{partly-still}} --skip bounded --hop 8 {gpu}"));
+        lines.extend(NETS.map(|net| format!("synth {small} --weights {net} {gpu}")));
+        lines.push(format!("synth {small} --weights tiny --hop 16 {gpu}"));
+        lines.push(format!("synth {small} --weights tiny --tile 24 --ensemble 2 {gpu}"));
+        lines.push(format!("synth {{partly-still}} --weights tiny --skip bounded --hop 8 {gpu}"));
         lines.push(format!("synth {{mpve-1-16}} {gpu}"));
     }
     lines
