@@ -128,18 +128,18 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>> {
 
 fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serde_json::Value> {
     let sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
-    let calibration = Calibration::new(&sampler.pattern, &sampler.response);
+    let calibration = Calibration::new(sampler.pattern(), sampler.response());
     let [frames, height, width] = request.extent;
     Ok(serde_json::json!({
         "format": "pix2hdr-dataset/1",
-        "pattern": request.pattern.name,
+        "pattern": request.pattern.name(),
         "response": request.form,
         "period": calibration.period,
         "rows": calibration.rows,
         "cols": calibration.cols,
         "exposures": calibration.exposures,
         "symmetries": calibration.symmetries,
-        "saturation": sampler.response.saturation(),
+        "saturation": sampler.response().saturation(),
         "inverse_response": calibration.inverse_response,
         "bit_depth": sampler.bit_depth,
         "schedule_start": request.schedule_start,

@@ -49,11 +49,11 @@ fn place(view: Symmetry, axis: usize, at: usize, capture: &Capture) -> usize {
     let Capture { info, pattern, frames, height, width, .. } = capture;
     let (start, size, repeat) = match axis {
         0 => (info.schedule_start, *frames, pattern.period() as i64),
-        1 => (0, *height, pattern.rows as i64),
-        _ => (0, *width, pattern.cols as i64),
+        1 => (0, *height, pattern.rows() as i64),
+        _ => (0, *width, pattern.cols() as i64),
     };
-    let place = view.place(axis, start + at as i64) - start;
-    let first = view.place(axis, start) - start;
+    let place = view.map(axis, start + at as i64) - start;
+    let first = view.map(axis, start) - start;
     let moved = if view.backwards[axis] {
         (size as i64 - 1 - first).div_euclid(repeat) * repeat
     } else {

@@ -63,7 +63,7 @@ fn skip(skip: Skip) -> Options {
 /// Whether the cell that holds a pixel was computed for a frame.
 fn computed(frame: &ResultFrame, y: usize, x: usize) -> bool {
     let (active, slab) = frame.computed.as_ref().unwrap();
-    active.slab(*slab)[y / CELL[0] * active.extent[2] + x / CELL[1]]
+    active.slab(*slab)[y / CELL[0] * active.extent()[2] + x / CELL[1]]
 }
 
 /// A box that enters a static scene, crosses it and stops.

@@ -149,9 +149,9 @@ fn the_smallest_recordings() {
         let mut model = Model::random(presets::by_name("tiny").unwrap().graph().unwrap(), 2).unwrap();
         model.graph.pattern = "any".into();
         for frames in [1, 2, pattern.period() + 1] {
-            let capture = capture(name, &moving(frames, pattern.rows, pattern.cols));
+            let capture = capture(name, &moving(frames, pattern.rows(), pattern.cols()));
             let video = synthesise(&model, &capture, &Backend::Cpu, Options::default());
-            assert_eq!([video.frames, video.height, video.width], [frames, pattern.rows, pattern.cols]);
+            assert_eq!([video.frames, video.height, video.width], [frames, pattern.rows(), pattern.cols()]);
             assert!(video.data.iter().all(|p| p.is_finite() && *p >= 0.0), "{name}, {frames} frames");
         }
     }

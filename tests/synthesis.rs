@@ -124,7 +124,7 @@ fn another_response_is_warned_of() {
 fn nets_are_for_patterns_of_ones_own_too() {
     let mut model = model("tiny");
     model.graph.pattern = "mine".into();
-    let pattern = |name: &str| Pattern { name: name.into(), ..Pattern::built_in("sve").unwrap() };
+    let pattern = |name: &str| Pattern::built_in("sve").unwrap().named(name);
     model.check_pattern(&pattern("mine")).unwrap();
     let refused = model.check_pattern(&pattern("sve")).unwrap_err().to_string();
     assert!(refused.contains("for pattern mine"), "{refused}");

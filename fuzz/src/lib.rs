@@ -167,7 +167,7 @@ impl Desk {
                     let response = Response::new(Form::Linear, saturation).expect("a linear response");
                     use_calibration(&Calibration::new(&pattern, &response));
                     for t in [-1_000_000_007, -1, 0, 5, 1 << 40] {
-                        let readout = pattern.cell(1, 2).covering(t);
+                        let readout = pattern.schedule(1, 2).covering(t);
                         assert!(readout.start <= t && t < readout.end(), "{pattern:?}");
                     }
                     assert!(pattern.longest_readout() <= pattern.period());

@@ -280,9 +280,9 @@ impl Case<'_> {
     /// The sizes of tiles that a frame is cut into.
     fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<Tile>> {
         let window = self.model.graph.window;
-        let seen = clip.window(window, clip.last_window(window), calibration, [grid.height, grid.width]);
+        let seen = clip.window(window, clip.last_window(window), calibration, grid.extent());
         let views = views(&self.model.graph, calibration, self.ensemble)?;
-        let streams = grid.tiles().count() == 1 && views.len() == 1;
+        let streams = grid.count() == 1 && views.len() == 1;
         let mut tiles: Vec<Tile> = Vec::new();
         for (row, col) in grid.tiles() {
             let size = [row.outer_len, col.outer_len];

@@ -68,8 +68,8 @@ pub fn sensitivity(
         disturbed.push((name, capture));
     }
     let is_missing = |t: usize, pixel: usize| {
-        let cell = sound.pattern.cell(pixel / sound.width, pixel % sound.width);
-        let end = cell.covering(sound.info.schedule_start + t as i64).end();
+        let schedule = sound.pattern.schedule(pixel / sound.width, pixel % sound.width);
+        let end = schedule.covering(sound.info.schedule_start + t as i64).end();
         // One draw a read-out (the mixer of SplitMix64).
         let mut draw = (end as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (pixel as u64) << 32;
         for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {

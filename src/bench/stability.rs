@@ -197,7 +197,7 @@ impl Camera {
         let pattern = Pattern::built_in(pattern)?;
         let calibration =
             Calibration::new(&pattern, &Response::new(form, pattern.shortest_exposure() as f64)?);
-        Ok(Self { name: format!("{} {response}", pattern.name), calibration })
+        Ok(Self { name: format!("{} {response}", pattern.name()), calibration })
     }
 
     /// All patterns, and for the default one responses that bend: steep, flat, and nearly vertical.

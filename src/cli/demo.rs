@@ -48,7 +48,7 @@ impl Demo {
         let Size { height, width, .. } = self.size;
         // What cannot work is said before anything is rendered.
         let sampler = self.camera.sampler()?;
-        let model = self.engine.model(&sampler.pattern)?;
+        let model = self.engine.model(sampler.pattern())?;
         let backend = self.engine.backend()?;
         let scene = procedural::by_name(&self.scene, height, width, self.camera.seed).ok_or_else(|| {
             Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
@@ -124,7 +124,7 @@ impl Demo {
             (0..video.frames).map(|t| (t as f64, f64::from(video.frame(t)[pixel]))).collect()
         };
         let own = |(t, value): (f64, f64)| {
-            let read_out = covering.pattern.cell(y, x).covering(covering.info.schedule_start + t as i64);
+            let read_out = covering.pattern.schedule(y, x).covering(covering.info.schedule_start + t as i64);
             (t, covering.response.exposure(value) / read_out.shutter.exposure() as f64)
         };
         Plot::new(format!("irradiance of the pixel in row {y}, column {x}"), "time / ms", "p")

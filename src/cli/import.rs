@@ -66,7 +66,7 @@ impl Import {
         let files = capture.write(&self.out)?;
         let latency = capture.pattern.longest_readout() as f64 * capture.info.frame_period_ms;
         let report = json!({
-            "pattern": capture.pattern.name, "frames": capture.frames, "height": capture.height,
+            "pattern": capture.pattern.name(), "frames": capture.frames, "height": capture.height,
             "width": capture.width, "exposure_exponent": check.map(|check| check.exponent),
             "response_difference": fit.as_ref().map(|fit| fit.difference), "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
         });
@@ -88,7 +88,7 @@ impl Import {
                 capture.frames,
                 capture.height,
                 capture.width,
-                capture.pattern.name
+                capture.pattern.name()
             )
         })
     }

@@ -51,7 +51,7 @@ impl Sample {
         capture.info.anchor = anchor;
         let files = capture.write(&self.out)?;
         let report = json!({
-            "pattern": sampler.pattern.name, "frames": capture.frames, "height": capture.height,
+            "pattern": sampler.pattern().name(), "frames": capture.frames, "height": capture.height,
             "width": capture.width, "anchor": anchor, "files": files.each_ref().map(|path| show(path)),
         });
         terminal::result(self.json, &report, || {
@@ -61,7 +61,7 @@ impl Sample {
                 capture.frames,
                 capture.height,
                 capture.width,
-                sampler.pattern.name
+                sampler.pattern().name()
             )
         })
     }

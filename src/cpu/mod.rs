@@ -23,7 +23,7 @@ mod real;
 mod simd;
 mod view;
 
-pub(crate) use camera::Tone;
+pub(crate) use camera::{Tone, inverse_response};
 pub use executor::{CpuExecutor, Shared};
 pub use gemm::peak;
 pub use real::Real;

@@ -99,13 +99,13 @@ impl Model {
         let made_for = &self.graph.pattern;
         let fits = match Pattern::built_in(made_for) {
             Ok(known) => known.samples_like(pattern),
-            Err(_) => made_for == "any" || *made_for == pattern.name,
+            Err(_) => made_for == "any" || made_for == pattern.name(),
         };
         if fits {
             return Ok(());
         }
         let name = &self.graph.name;
-        Err(Error::Usage(format!("weights '{name}' are for pattern {made_for}, not for {}", pattern.name)))
+        Err(Error::Usage(format!("weights '{name}' are for pattern {made_for}, not for {}", pattern.name())))
     }
 
     /// Reads a weights file from memory.

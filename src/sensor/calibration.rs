@@ -1,6 +1,6 @@
 //! What the kernels need to know about the camera, as tables.
 
-use super::{Pattern, Response, Symmetry};
+use super::{Pattern, Response, Schedule, Symmetry};
 
 /// Intervals of the table of R⁻¹: a multiple of 1023, so that every 10-bit level lies on a node.
 const INTERVALS: usize = 4 * 1023;
@@ -28,14 +28,15 @@ impl Calibration {
         let period = pattern.period();
         let exposures = (0..period)
             .flat_map(|t| {
-                pattern.cells.iter().map(move |cell| cell.covering(t as i64).shutter.exposure() as f32)
+                let exposure = move |pixel: &Schedule| pixel.covering(t as i64).shutter.exposure() as f32;
+                pattern.schedules().iter().map(exposure)
             })
             .collect();
         let node = |i: usize| response.exposure(i as f64 / INTERVALS as f64) as f32;
         Self {
             period,
-            rows: pattern.rows,
-            cols: pattern.cols,
+            rows: pattern.rows(),
+            cols: pattern.cols(),
             exposures,
             inverse_response: (0..=INTERVALS).map(node).collect(),
             symmetries: Symmetry::all_of(pattern),

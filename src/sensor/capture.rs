@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::defects::Defects;
-use super::pattern::Tile;
+use super::pattern::PatternTile;
 use super::{Calibration, CaptureFile, Form, Pattern, Recording, Response, SensorError};
 use crate::Result;
 use crate::video::npy::{Counts, read_counts, write_counts};
@@ -125,15 +125,15 @@ pub enum PatternSource {
     /// Built-in name.
     Name(String),
     /// The tile itself.
-    Tile(Tile),
+    Tile(PatternTile),
 }
 
 impl PatternSource {
     /// The shortest way to name `pattern`.
     pub fn of(pattern: &Pattern) -> Self {
-        match Pattern::built_in(&pattern.name) {
-            Ok(built_in) if built_in == *pattern => Self::Name(pattern.name.clone()),
-            _ => Self::Tile(Tile::from(pattern)),
+        match Pattern::built_in(pattern.name()) {
+            Ok(built_in) if built_in == *pattern => Self::Name(pattern.name().to_owned()),
+            _ => Self::Tile(PatternTile::from(pattern)),
         }
     }
 

@@ -11,7 +11,7 @@ use crate::{At, Result};
 
 /// Neighbours that a value is made of.
 const NEIGHBOURS: usize = 4;
-/// How far neighbours may be, in tiles of the pattern.
+/// How far neighbours may be, in pattern tiles.
 const TILES: i64 = 3;
 /// Places that are looked at for neighbours that have a value.
 const PLACES: usize = 16 * NEIGHBOURS;
@@ -23,7 +23,7 @@ pub struct Defects {
     dead: Vec<bool>,
     /// The count that stands for a missing read-out.
     missing: Option<u16>,
-    /// For each cell of the pattern's tile, places with the same shutters, the nearest first.
+    /// For each pixel of the pattern tile, places with the same shutters, the nearest first.
     alike: Vec<Vec<Neighbour>>,
     rows: usize,
     cols: usize,
@@ -60,7 +60,7 @@ impl Defects {
         if 2 * count > dead.len() {
             return Err(SensorError::Capture(format!("{count} of its {} pixels are dead", dead.len())));
         }
-        let (rows, cols) = (pattern.rows, pattern.cols);
+        let (rows, cols) = (pattern.rows(), pattern.cols());
         Ok(Self { dead, missing, alike: alike(pattern), rows, cols, height, width })
     }
 
@@ -117,12 +117,13 @@ impl Defects {
     }
 }
 
-/// For each cell of the tile, the places near it whose cells have the same shutters.
+/// For each pixel of the pattern tile, the places near it of pixels with the same shutters.
 fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
-    let (rows, cols) = (pattern.rows as i64, pattern.cols as i64);
-    // Cells with the same shutters, by the first of them.
-    let kind: Vec<usize> = (0..pattern.cells.len())
-        .map(|i| pattern.cells[..i].iter().position(|other| *other == pattern.cells[i]).unwrap_or(i))
+    let (rows, cols) = (pattern.rows() as i64, pattern.cols() as i64);
+    // Pixels with the same shutters, by the first of them.
+    let schedules = pattern.schedules();
+    let kind: Vec<usize> = (0..schedules.len())
+        .map(|i| schedules[..i].iter().position(|other| *other == schedules[i]).unwrap_or(i))
         .collect();
     let mut members = vec![Vec::new(); kind.len()];
     for (j, &first) in kind.iter().enumerate() {
@@ -131,7 +132,7 @@ fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
     let of = |i: usize| {
         let (y, x) = (i as i64 / cols, i as i64 % cols);
         let members = &members[kind[i]];
-        // So many places lie within this distance many times over; tiles of thousands of cells need no more of them.
+        // So many places lie within this distance many times over; tiles of thousands of pixels need no more of them.
         let reach = (PLACES * kind.len()).div_ceil(members.len()).isqrt() as i64;
         let [tiles_y, tiles_x] = [rows, cols].map(|size| (reach / size + 1).min(TILES));
         let mut places = Vec::new();
@@ -155,8 +156,7 @@ fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
 mod tests {
     use serde_json::Map;
 
-    use super::super::pattern::Cell;
-    use super::super::{Capture, CaptureFile, Form, Noise, Pattern, Sampler, Timing};
+    use super::super::{Capture, CaptureFile, Form, Noise, Pattern, Sampler, Schedule, Timing};
     use crate::video::Video;
     use crate::video::npy::Counts;
 
@@ -247,7 +247,7 @@ mod tests {
     fn all_patterns_have_neighbours() {
         for name in Pattern::NAMES {
             let pattern = Pattern::built_in(name).unwrap();
-            let extent = [4 * pattern.rows, 4 * pattern.cols];
+            let extent = [4 * pattern.rows(), 4 * pattern.cols()];
             for pixel in 0..extent[0] * extent[1] {
                 let place = [pixel / extent[1], pixel % extent[1]];
                 let defects = super::Defects::new(&pattern, extent, &[place], None).unwrap();
@@ -260,25 +260,25 @@ mod tests {
         }
     }
 
-    /// The largest tiles that there may be, of cells that are alike or not: soon, and never another shutter's value.
+    /// The largest pattern tiles that there may be, of pixels that are alike or not: soon, and never another shutter's value.
     #[test]
     fn large_tiles_have_neighbours() {
         for (rows, cols) in [(64, 64), (1, 4096), (4096, 1)] {
             for kinds in [1, 2, 255] {
                 // The read-outs of kind k: exposure 2^n at phase k − (2^n − 1).
-                let cell = |i: usize| {
+                let schedule = |i: usize| {
                     let exposure = (i % kinds + 1).next_power_of_two();
-                    Cell::periodic(exposure, i % kinds)
+                    Schedule::periodic(exposure, i % kinds).unwrap()
                 };
-                let cells = (0..4096).map(cell).collect();
-                let pattern = Pattern { name: "large".into(), rows, cols, cells };
+                let schedules = (0..4096).map(schedule).collect();
+                let pattern = Pattern::new("large", [rows, cols], schedules).unwrap();
                 for (i, places) in super::alike(&pattern).iter().enumerate() {
-                    assert!(!places.is_empty(), "{rows}×{cols}, {kinds} kinds: cell {i} has none");
+                    assert!(!places.is_empty(), "{rows}×{cols}, {kinds} kinds: pixel {i} has none");
                     for place in places {
                         let y = (i / cols) as i64 + place.dy;
                         let x = (i % cols) as i64 + place.dx;
                         let [y, x] = [y.rem_euclid(rows as i64), x.rem_euclid(cols as i64)];
-                        assert!(pattern.cells[y as usize * cols + x as usize] == pattern.cells[i]);
+                        assert!(pattern.schedule(y as usize, x as usize) == &pattern.schedules()[i]);
                     }
                 }
             }

@@ -5,6 +5,7 @@
 //! Mitsunaga and Nayar 1999). What is fitted includes the black level: below it, R⁻¹ is nearly 0.
 
 use super::{Capture, Form, ResponseSource, SensorError};
+use crate::math::spread;
 
 /// Nodes of the fitted curve, closer where it is dark: yᵢ = (i/(n − 1))².
 const NODES: usize = 20;
@@ -181,13 +182,12 @@ fn pairs(capture: &Capture) -> Result<Vec<Pair>, SensorError> {
     kinds.dedup();
 
     // Mean of each pixel over time, and whether it is static and never saturated.
-    let looks = frames.min(LOOKS);
     let defects = capture.info.defects(&capture.pattern, [height, width])?;
     let mut seen = vec![0.0f64; height * width];
     let (mut sum, mut squares, mut most) =
         (vec![0.0f64; height * width], vec![0.0f64; height * width], vec![0.0f64; height * width]);
-    for look in 0..looks {
-        let begin = look * frames / looks * height * width;
+    for t in spread(frames, LOOKS) {
+        let begin = t * height * width;
         for i in 0..height * width {
             let count = f64::from(capture.counts.value(begin + i));
             if defects.as_ref().is_some_and(|defects| defects.is_none(i, count)) {
@@ -246,21 +246,12 @@ fn pairs(capture: &Capture) -> Result<Vec<Pair>, SensorError> {
 
 /// The exposure of each pixel.
 fn exposures(capture: &Capture) -> Result<Vec<usize>, SensorError> {
-    let of = |i: usize| {
-        let mut exposures = capture
-            .pattern
-            .cell(i / capture.width, i % capture.width)
-            .shutters
-            .iter()
-            .map(super::Shutter::exposure);
-        let first = exposures.next().unwrap_or(1);
-        exposures.all(|exposure| exposure == first).then_some(first)
-    };
+    let of = |i: usize| capture.pattern.schedule(i / capture.width, i % capture.width).exposure();
     let all: Option<Vec<usize>> = (0..capture.height * capture.width).map(of).collect();
     all.filter(|all| all.iter().any(|exposure| *exposure != all[0])).ok_or_else(|| {
         SensorError::Response(format!(
             "cannot be fitted to pattern '{}': it needs pixels of different exposure, each with one",
-            capture.pattern.name
+            capture.pattern.name()
         ))
     })
 }

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Capture, Timing};
+use crate::math::spread;
 
 /// Pixel values between which the exposure ratio is judged: above noise and black-level error, below the knee of
 /// saturation.
@@ -10,6 +11,9 @@ const JUDGED: std::ops::Range<f32> = 0.04..0.9;
 
 /// Largest change over time, relative to the mean, up to which a pixel counts as static.
 const STATIC: f32 = 0.1;
+
+/// Frames that are looked at: static parts stay static.
+const LOOKS: usize = 16;
 
 /// Least number of pixel pairs for a verdict.
 const ENOUGH: usize = 64;
@@ -29,8 +33,9 @@ pub fn hold_to_covering(capture: &Capture) -> Cow<'_, Capture> {
     let (len, width) = (capture.height * capture.width, capture.width);
     covering.counts = capture.counts.gather(|i| {
         let (t, pixel) = (i / len, i % len);
-        let cell = capture.pattern.cell(pixel / width, pixel % width);
-        let end = cell.covering(capture.info.schedule_start + t as i64).end() - capture.info.schedule_start;
+        let schedule = capture.pattern.schedule(pixel / width, pixel % width);
+        let end =
+            schedule.covering(capture.info.schedule_start + t as i64).end() - capture.info.schedule_start;
         (end as usize).min(capture.frames - 1) * len + pixel
     });
     covering.info.timing = Timing::Covering;
@@ -93,24 +98,23 @@ pub fn check_levels(capture: &Capture) -> Option<String> {
 pub fn check_exposure_ratio(capture: &Capture) -> Option<RatioCheck> {
     let Capture { frames, height, width, .. } = *capture;
     let len = height * width;
-    // Static parts stay static: a few frames spread over the recording are enough.
-    let looks: Vec<usize> = (0..frames.min(16)).map(|i| i * frames / frames.min(16)).collect();
+    let looks = spread(frames, LOOKS);
+    let count = looks.len() as f32;
     let mut values = vec![0.0; len];
     let mut range = vec![(f32::INFINITY, f32::NEG_INFINITY, 0.0f32); len];
-    for &t in &looks {
+    for t in looks {
         capture.pixel_values(t, &mut values);
         for (range, &y) in range.iter_mut().zip(&values) {
-            *range = (range.0.min(y), range.1.max(y), range.2 + y / looks.len() as f32);
+            *range = (range.0.min(y), range.1.max(y), range.2 + y / count);
         }
     }
     // Mean exposure value and exposure of a static, well exposed pixel.
     let judged = |y: usize, x: usize| {
         let (least, most, mean) = range[y * width + x];
-        let exposures: Vec<usize> =
-            capture.pattern.cell(y, x).shutters.iter().map(super::Shutter::exposure).collect();
-        let steady = most - least < STATIC * mean && exposures.iter().all(|e| *e == exposures[0]);
+        let exposure = capture.pattern.schedule(y, x).exposure()?;
+        let steady = most - least < STATIC * mean;
         let well_exposed = JUDGED.contains(&least) && JUDGED.contains(&most);
-        (steady && well_exposed).then(|| (capture.response.exposure(f64::from(mean)), exposures[0] as f64))
+        (steady && well_exposed).then(|| (capture.response.exposure(f64::from(mean)), exposure as f64))
     };
     let mut exponents = Vec::new();
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
@@ -138,7 +142,7 @@ pub fn check_exposure_ratio(capture: &Capture) -> Option<RatioCheck> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::{Form, Pattern, Response, Sampler};
+    use crate::sensor::{Form, Pattern, Sampler};
     use crate::video::Video;
 
     fn camera() -> Sampler {
@@ -157,8 +161,7 @@ mod tests {
         let check = check_exposure_ratio(&capture).unwrap();
         assert!((check.exponent - 1.0).abs() < 0.03 && check.warning().is_none(), "{check:?}");
         // The same scene through a gamma that nobody told us of.
-        let mut sampler = camera();
-        sampler.response = Response::new(Form::Gamma(2.2), 2.0).unwrap();
+        let sampler = Sampler::new(Pattern::built_in("mpve-1-4").unwrap(), Form::Gamma(2.2)).unwrap();
         capture.counts = sampler.sample(&scene()).unwrap().counts;
         let check = check_exposure_ratio(&capture).unwrap();
         assert!(check.warning().is_some(), "{check:?}");

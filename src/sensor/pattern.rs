@@ -15,37 +15,30 @@ const MAX_PERIOD: usize = 256;
 /// Largest tile, in pixels.
 const MAX_TILE: usize = 4096;
 
-/// A tile of cells that repeats over the sensor.
+/// A tile of pixels, each with a schedule of its own, that repeats over the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pattern {
-    /// Name, `custom` for an unnamed one.
-    pub name: String,
-    /// Rows of the tile.
-    pub rows: usize,
-    /// Columns of the tile.
-    pub cols: usize,
-    /// The cells, row by row.
-    pub cells: Vec<Cell>,
+    name: String,
+    rows: usize,
+    cols: usize,
+    /// Those of the tile's pixels, row by row.
+    schedules: Vec<Schedule>,
 }
 
 /// When one pixel integrates: shutters that repeat every `period` frames and cover all of it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Cell {
-    /// Frames after which the shutters repeat.
-    pub period: usize,
-    /// Shutters in order of their start; together they cover the period once.
-    pub shutters: Vec<Shutter>,
+pub struct Schedule {
+    period: usize,
+    /// In order of their start; together they cover the period once.
+    shutters: Vec<Shutter>,
 }
 
 /// One exposure: the frames that a read-out covers, and those of them in which light is collected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shutter {
-    /// Schedule time of the first frame, in [0, period).
-    pub start: usize,
-    /// Frames covered, from reset to read-out.
-    pub frames: usize,
-    /// Offsets of the frames in which the shutter is open, ascending.
-    pub open: Vec<usize>,
+    start: usize,
+    frames: usize,
+    open: Vec<usize>,
 }
 
 /// The read-out that covers a frame.
@@ -65,21 +58,85 @@ impl Readout<'_> {
 }
 
 impl Shutter {
+    /// A shutter that covers `frames` frames from frame `start` of a period on, and collects light in those that lie
+    /// `open` frames behind the first one. [`Schedule::new`] checks it.
+    pub fn new(start: usize, frames: usize, open: Vec<usize>) -> Self {
+        Self { start, frames, open }
+    }
+
+    /// The same, which collects light all the time.
+    pub fn open_throughout(start: usize, frames: usize) -> Self {
+        Self::new(start, frames, (0..frames).collect())
+    }
+
+    /// The first frame that it covers, in [0, period).
+    pub fn start(&self) -> usize {
+        self.start
+    }
+
+    /// Frames covered, from reset to read-out.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Offsets of the frames in which it is open, ascending.
+    pub fn open(&self) -> &[usize] {
+        &self.open
+    }
+
     /// Integration time in frames.
     pub fn exposure(&self) -> usize {
         self.open.len()
     }
-
-    fn open_throughout(start: usize, frames: usize) -> Self {
-        Self { start, frames, open: (0..frames).collect() }
-    }
 }
 
-impl Cell {
-    /// A pixel with exposure `exposure` that reads out at t ≡ `phase` (mod `exposure`).
-    pub fn periodic(exposure: usize, phase: usize) -> Self {
-        let start = phase % exposure.max(1);
-        Self { period: exposure, shutters: vec![Shutter::open_throughout(start, exposure)] }
+impl Schedule {
+    /// Shutters in order of their start, which together cover `period` frames once; or what is wrong with them.
+    pub fn new(period: usize, shutters: Vec<Shutter>) -> Result<Self, String> {
+        check_period(period)?;
+        let within = |shutter: &Shutter| shutter.start < period && shutter.frames <= period;
+        if let Some(shutter) = shutters.iter().find(|shutter| !within(shutter)) {
+            return Err(format!("the shutter at frame {} does not lie within the period", shutter.start));
+        }
+        let mut covered = 0;
+        for (i, Shutter { start, frames, open }) in shutters.iter().enumerate() {
+            let next = shutters.get(i + 1).map_or(shutters[0].start + period, |next| next.start);
+            if start + frames != next {
+                return Err(format!("the shutter at frame {start} does not end where the next begins"));
+            }
+            let ascending = open.is_sorted_by(|a, b| a < b);
+            if open.is_empty() || !ascending || open.iter().any(|offset| offset >= frames) {
+                return Err(format!("the shutter at frame {start} is open in {open:?}"));
+            }
+            covered += frames;
+        }
+        if covered == period {
+            Ok(Self { period, shutters })
+        } else {
+            Err("its shutters do not cover its period".into())
+        }
+    }
+
+    /// That of a pixel with exposure `exposure` that reads out at t ≡ `phase` (mod `exposure`).
+    pub fn periodic(exposure: usize, phase: usize) -> Result<Self, String> {
+        check_period(exposure)?;
+        Self::new(exposure, vec![Shutter::open_throughout(phase % exposure, exposure)])
+    }
+
+    /// Frames after which the shutters repeat.
+    pub fn period(&self) -> usize {
+        self.period
+    }
+
+    /// In order of their start; together they cover the period once.
+    pub fn shutters(&self) -> &[Shutter] {
+        &self.shutters
+    }
+
+    /// The exposure in frames of all shutters, if they have one.
+    pub fn exposure(&self) -> Option<usize> {
+        let first = self.shutters[0].exposure();
+        self.shutters.iter().all(|shutter| shutter.exposure() == first).then_some(first)
     }
 
     /// The read-out that covers schedule time `t`.
@@ -92,31 +149,13 @@ impl Cell {
         let start = t - phase - lap + shutter.start as i64;
         Readout { start, shutter }
     }
+}
 
-    fn check(&self) -> Result<(), String> {
-        if self.period == 0 || self.period > MAX_PERIOD {
-            return Err(format!("a period of {} frames; 1 to {MAX_PERIOD} can be used", self.period));
-        }
-        let within = |shutter: &Shutter| shutter.start < self.period && shutter.frames <= self.period;
-        if let Some(shutter) = self.shutters.iter().find(|shutter| !within(shutter)) {
-            return Err(format!("the shutter at frame {} does not lie within the period", shutter.start));
-        }
-        let mut covered = 0;
-        for (i, shutter) in self.shutters.iter().enumerate() {
-            let next = self.shutters.get(i + 1).map_or(self.shutters[0].start + self.period, |s| s.start);
-            if shutter.start + shutter.frames != next {
-                return Err(format!(
-                    "the shutter at frame {} does not end where the next begins",
-                    shutter.start
-                ));
-            }
-            let ascending = shutter.open.is_sorted_by(|a, b| a < b);
-            if shutter.open.is_empty() || !ascending || shutter.open.iter().any(|&f| f >= shutter.frames) {
-                return Err(format!("the shutter at frame {} is open in {:?}", shutter.start, shutter.open));
-            }
-            covered += shutter.frames;
-        }
-        if covered == self.period { Ok(()) } else { Err("its shutters do not cover its period".into()) }
+fn check_period(period: usize) -> Result<(), String> {
+    if (1..=MAX_PERIOD).contains(&period) {
+        Ok(())
+    } else {
+        Err(format!("a period of {period} frames; 1 to {MAX_PERIOD} can be used"))
     }
 }
 
@@ -136,36 +175,51 @@ impl Pattern {
         "coded",
     ];
 
+    /// A tile of `rows` × `cols` pixels, whose schedules are given row by row.
+    pub fn new(
+        name: impl Into<String>,
+        [rows, cols]: [usize; 2],
+        schedules: Vec<Schedule>,
+    ) -> Result<Self, SensorError> {
+        if schedules.is_empty() || schedules.len() > MAX_TILE || schedules.len() != rows * cols {
+            return Err(SensorError::Pattern(format!("a tile of {rows}×{cols} pixels")));
+        }
+        let period = schedules.iter().try_fold(1, |period, schedule| {
+            let period = lcm(period, schedule.period);
+            (period <= MAX_PERIOD).then_some(period)
+        });
+        match period {
+            Some(_) => Ok(Self { name: name.into(), rows, cols, schedules }),
+            None => Err(SensorError::Pattern(format!("it repeats only after more than {MAX_PERIOD} frames"))),
+        }
+    }
+
     /// A built-in pattern.
     pub fn built_in(name: &str) -> Result<Self, SensorError> {
-        let periodic =
-            |cells: &[(usize, usize)]| cells.iter().map(|&(e, phase)| Cell::periodic(e, phase)).collect();
-        let mpve = |layout: &str, kinds: [(usize, usize); 4]| {
-            let [a, b, c, d] = kinds;
-            match layout {
-                "2x2" => (2, 2, periodic(&[a, b, c, d])),
-                // Every 2×2 patch of this tile holds all four kinds too.
-                _ => (2, 4, periodic(&[a, b, c, d, c, d, a, b])),
-            }
+        let periodic = |pixels: &[(usize, usize)]| {
+            pixels.iter().map(|&(exposure, phase)| Schedule::periodic(exposure, phase)).collect()
         };
+        // A 2×2 tile, and one of which every 2×2 patch holds all four kinds too.
+        let square = |kinds: [(usize, usize); 4]| ([2, 2], periodic(&kinds));
+        let mpve = |[a, b, c, d]: [(usize, usize); 4]| ([2, 4], periodic(&[a, b, c, d, c, d, a, b]));
         let kinds_1_4 = [(2, 1), (4, 2), (8, 0), (8, 4)];
         let kinds_1_8 = [(2, 1), (4, 2), (8, 4), (16, 8)];
         let kinds_1_16 = [(2, 1), (4, 2), (8, 4), (32, 16)];
-        let (rows, cols, cells) = match name {
-            "mpve-1-4" => mpve("2x4", kinds_1_4),
-            "mpve-1-8" => mpve("2x4", kinds_1_8),
-            "mpve-1-16" => mpve("2x4", kinds_1_16),
-            "mpve-2x2-1-4" => mpve("2x2", kinds_1_4),
-            "mpve-2x2-1-8" => mpve("2x2", kinds_1_8),
-            "mpve-2x2-1-16" => mpve("2x2", kinds_1_16),
-            "global" => (1, 1, periodic(&[(4, 0)])),
-            "multi-phase" => (2, 2, periodic(&[(4, 0), (4, 1), (4, 2), (4, 3)])),
-            "sve" => (2, 2, periodic(&[(2, 0), (4, 0), (8, 0), (8, 0)])),
+        let (extent, schedules): ([usize; 2], Result<Vec<Schedule>, String>) = match name {
+            "mpve-1-4" => mpve(kinds_1_4),
+            "mpve-1-8" => mpve(kinds_1_8),
+            "mpve-1-16" => mpve(kinds_1_16),
+            "mpve-2x2-1-4" => square(kinds_1_4),
+            "mpve-2x2-1-8" => square(kinds_1_8),
+            "mpve-2x2-1-16" => square(kinds_1_16),
+            "global" => ([1, 1], periodic(&[(4, 0)])),
+            "multi-phase" => square([(4, 0), (4, 1), (4, 2), (4, 3)]),
+            "sve" => square([(2, 0), (4, 0), (8, 0), (8, 0)]),
             "interleaved" => {
                 let shutters = vec![Shutter::open_throughout(0, 2), Shutter::open_throughout(2, 8)];
-                (1, 1, vec![Cell { period: 10, shutters }])
+                ([1, 1], Schedule::new(10, shutters).map(|schedule| vec![schedule]))
             }
-            "coded" => (4, 4, coded(16, 8)),
+            "coded" => ([4, 4], coded(16, 8)),
             _ => {
                 return Err(SensorError::Pattern(format!(
                     "no built-in '{name}'; there are {}, or name a JSON file",
@@ -173,7 +227,7 @@ impl Pattern {
                 )));
             }
         };
-        Ok(Self { name: name.to_owned(), rows, cols, cells })
+        Self::new(name, extent, schedules.map_err(SensorError::Pattern)?)
     }
 
     /// A built-in pattern by name, or one from a JSON file where `name` ends in `.json`.
@@ -181,7 +235,7 @@ impl Pattern {
         let path = Path::new(name);
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
             let text = super::read_text(path).at(path)?;
-            let tile: Tile =
+            let tile: PatternTile =
                 serde_json::from_str(&text).map_err(|e| SensorError::Pattern(e.to_string())).at(path)?;
             let fallback =
                 path.file_stem().map_or("custom".into(), |stem| stem.to_string_lossy().into_owned());
@@ -190,23 +244,49 @@ impl Pattern {
         Ok(Self::built_in(name)?)
     }
 
-    /// Whether `other` exposes every pixel as this pattern does, whatever their names.
-    pub fn samples_like(&self, other: &Self) -> bool {
-        (self.rows, self.cols, &self.cells) == (other.rows, other.cols, &other.cells)
+    /// The same pattern under another name.
+    #[must_use]
+    pub fn named(self, name: impl Into<String>) -> Self {
+        Self { name: name.into(), ..self }
     }
 
-    /// The cell of the pixel in row `y`, column `x`.
-    pub fn cell(&self, y: usize, x: usize) -> &Cell {
-        &self.cells[(y % self.rows) * self.cols + x % self.cols]
+    /// Its name; that of its file, or `custom`, for an unnamed one.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Rows of the tile.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Columns of the tile.
+    pub fn cols(&self) -> usize {
+        self.cols
+    }
+
+    /// When the pixels of the tile integrate, row by row.
+    pub fn schedules(&self) -> &[Schedule] {
+        &self.schedules
+    }
+
+    /// Whether `other` exposes every pixel as this pattern does, whatever their names.
+    pub fn samples_like(&self, other: &Self) -> bool {
+        (self.rows, self.cols, &self.schedules) == (other.rows, other.cols, &other.schedules)
+    }
+
+    /// When the pixel in row `y`, column `x` integrates.
+    pub fn schedule(&self, y: usize, x: usize) -> &Schedule {
+        &self.schedules[(y % self.rows) * self.cols + x % self.cols]
     }
 
     /// Frames after which the whole pattern repeats.
     pub fn period(&self) -> usize {
-        self.cells.iter().map(|cell| cell.period).fold(1, lcm)
+        self.schedules.iter().map(Schedule::period).fold(1, lcm)
     }
 
     fn shutters(&self) -> impl Iterator<Item = &Shutter> {
-        self.cells.iter().flat_map(|cell| &cell.shutters)
+        self.schedules.iter().flat_map(Schedule::shutters)
     }
 
     /// Shortest exposure in frames. The sensor saturates where x reaches it (design §2, x_sat).
@@ -216,69 +296,51 @@ impl Pattern {
 
     /// Most frames that one read-out covers: what a live source has to wait for.
     pub fn longest_readout(&self) -> usize {
-        self.shutters().map(|shutter| shutter.frames).max().unwrap_or(1)
-    }
-
-    fn check(self) -> Result<Self, SensorError> {
-        if self.cells.is_empty() || self.cells.len() > MAX_TILE || self.cells.len() != self.rows * self.cols {
-            return Err(SensorError::Pattern(format!("a tile of {}×{} cells", self.rows, self.cols)));
-        }
-        for (i, cell) in self.cells.iter().enumerate() {
-            cell.check().map_err(|problem| {
-                SensorError::Pattern(format!("row {}, column {}: {problem}", i / self.cols, i % self.cols))
-            })?;
-        }
-        let period = self.cells.iter().map(|cell| cell.period).try_fold(1, |period, cell| {
-            let period = lcm(period, cell);
-            (period <= MAX_PERIOD).then_some(period)
-        });
-        match period {
-            Some(_) => Ok(self),
-            None => Err(SensorError::Pattern(format!("it repeats only after more than {MAX_PERIOD} frames"))),
-        }
+        self.shutters().map(Shutter::frames).max().unwrap_or(1)
     }
 }
 
 /// Random multiple-on codes, as in the paper's Fig. 4C: every pixel has its own code of `period` frames, open in
 /// half of them.
-fn coded(cells: usize, period: usize) -> Vec<Cell> {
+fn coded(pixels: usize, period: usize) -> Result<Vec<Schedule>, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let cell = |_| {
+    let schedule = |_| {
         let mut frames: Vec<usize> = (0..period).collect();
         for i in 0..period / 2 {
             frames.swap(i, rng.random_range(i..period));
         }
         let mut open = frames[..period / 2].to_vec();
         open.sort_unstable();
-        Cell { period, shutters: vec![Shutter { start: 0, frames: period, open }] }
+        Schedule::new(period, vec![Shutter::new(0, period, open)])
     };
-    (0..cells).map(cell).collect()
+    (0..pixels).map(schedule).collect()
 }
 
 /// A pattern as it stands in a JSON file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Tile {
+pub struct PatternTile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     name: Option<String>,
-    tile: Vec<Vec<TileCell>>,
+    tile: Vec<Vec<Pixel>>,
 }
 
-/// A cell as it stands in a JSON file.
+/// A pixel's schedule as it stands in a JSON file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, deny_unknown_fields)]
-enum TileCell {
+enum Pixel {
     /// [exposure, phase].
     Pair([usize; 2]),
     /// The same with names.
     Periodic { exposure: usize, phase: usize },
     /// Any shutters.
-    Shutters { period: usize, shutters: Vec<TileShutter> },
+    Shutters { period: usize, shutters: Vec<PixelShutter> },
 }
 
+/// A shutter as it stands in a JSON file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct TileShutter {
+struct PixelShutter {
     start: usize,
     frames: usize,
     /// Frames in which light is collected; all of them if left out.
@@ -286,52 +348,53 @@ struct TileShutter {
     open: Option<Vec<usize>>,
 }
 
-impl Tile {
+impl PatternTile {
     /// The pattern, checked.
     pub fn pattern(&self, fallback_name: &str) -> Result<Pattern, SensorError> {
         let cols = self.tile.first().map_or(0, Vec::len);
         if let Some(row) = self.tile.iter().position(|row| row.len() != cols) {
-            return Err(SensorError::Pattern(format!("row {row} has not {cols} cells as row 0 has")));
+            return Err(SensorError::Pattern(format!("row {row} has not {cols} pixels as row 0 has")));
         }
-        let cell = |cell: &TileCell| match cell {
-            &TileCell::Pair([exposure, phase]) | &TileCell::Periodic { exposure, phase } => {
-                if exposure > MAX_PERIOD {
-                    return Cell { period: exposure, shutters: Vec::new() };
-                }
-                Cell::periodic(exposure, phase)
-            }
-            TileCell::Shutters { period, shutters } => {
-                let shutter = |s: &TileShutter| Shutter {
-                    start: s.start,
-                    frames: s.frames,
-                    open: s.open.clone().unwrap_or_else(|| (0..s.frames.min(MAX_PERIOD + 1)).collect()),
-                };
-                Cell { period: *period, shutters: shutters.iter().map(shutter).collect() }
-            }
+        let schedule = |(i, pixel): (usize, &Pixel)| {
+            pixel.schedule().map_err(|problem| {
+                SensorError::Pattern(format!("row {}, column {}: {problem}", i / cols, i % cols))
+            })
         };
-        Pattern {
-            name: self.name.clone().unwrap_or_else(|| fallback_name.to_owned()),
-            rows: self.tile.len(),
-            cols,
-            cells: self.tile.iter().flatten().map(cell).collect(),
-        }
-        .check()
+        let schedules = self.tile.iter().flatten().enumerate().map(schedule).collect::<Result<_, _>>()?;
+        let name = self.name.as_deref().unwrap_or(fallback_name);
+        Pattern::new(name, [self.tile.len(), cols], schedules)
     }
 }
 
-impl From<&Pattern> for Tile {
+impl Pixel {
+    fn schedule(&self) -> Result<Schedule, String> {
+        match self {
+            &Self::Pair([exposure, phase]) | &Self::Periodic { exposure, phase } => {
+                Schedule::periodic(exposure, phase)
+            }
+            Self::Shutters { period, shutters } => {
+                // As many frames as are needed to see that they are too many.
+                let throughout = |frames: usize| (0..frames.min(MAX_PERIOD + 1)).collect();
+                let shutter = |s: &PixelShutter| {
+                    Shutter::new(s.start, s.frames, s.open.clone().unwrap_or_else(|| throughout(s.frames)))
+                };
+                Schedule::new(*period, shutters.iter().map(shutter).collect())
+            }
+        }
+    }
+}
+
+impl From<&Pattern> for PatternTile {
     fn from(pattern: &Pattern) -> Self {
-        let cell = |cell: &Cell| TileCell::Shutters {
-            period: cell.period,
-            shutters: cell
-                .shutters
-                .iter()
-                .map(|s| TileShutter { start: s.start, frames: s.frames, open: Some(s.open.clone()) })
-                .collect(),
+        let shutter =
+            |s: &Shutter| PixelShutter { start: s.start, frames: s.frames, open: Some(s.open.clone()) };
+        let pixel = |schedule: &Schedule| Pixel::Shutters {
+            period: schedule.period,
+            shutters: schedule.shutters.iter().map(shutter).collect(),
         };
         Self {
             name: Some(pattern.name.clone()),
-            tile: pattern.cells.chunks(pattern.cols).map(|row| row.iter().map(cell).collect()).collect(),
+            tile: pattern.schedules.chunks(pattern.cols).map(|row| row.iter().map(pixel).collect()).collect(),
         }
     }
 }
@@ -343,10 +406,10 @@ mod tests {
     #[test]
     fn built_ins_are_sound() {
         for name in Pattern::NAMES {
-            let pattern = Pattern::built_in(name).unwrap().check().unwrap();
-            let tile = Tile::from(&pattern);
+            let pattern = Pattern::built_in(name).unwrap();
+            let tile = PatternTile::from(&pattern);
             let json = serde_json::to_string(&tile).unwrap();
-            let read: Tile = serde_json::from_str(&json).unwrap();
+            let read: PatternTile = serde_json::from_str(&json).unwrap();
             assert_eq!(read.pattern("x").unwrap(), pattern);
         }
     }
@@ -358,7 +421,7 @@ mod tests {
         let kinds: Vec<Vec<(usize, usize)>> = (0..8)
             .map(|t| {
                 let mut kinds: Vec<_> = (0..4)
-                    .map(|x| pattern.cell(0, x).covering(t - 1))
+                    .map(|x| pattern.schedule(0, x).covering(t - 1))
                     .filter(|readout| readout.end() == t)
                     .map(|readout| (readout.shutter.exposure(), readout.shutter.start))
                     .collect();
@@ -375,7 +438,7 @@ mod tests {
         let pattern = Pattern::built_in("mpve-1-4").unwrap();
         for (y, x) in (0..4).flat_map(|y| (0..8).map(move |x| (y, x))) {
             let mut kinds: Vec<_> = [(0, 0), (0, 1), (1, 0), (1, 1)]
-                .map(|(dy, dx)| &pattern.cell(y + dy, x + dx).shutters[0])
+                .map(|(dy, dx)| &pattern.schedule(y + dy, x + dx).shutters[0])
                 .map(|shutter| (shutter.exposure(), shutter.start))
                 .to_vec();
             kinds.sort_unstable();
@@ -385,9 +448,9 @@ mod tests {
 
     #[test]
     fn covering_intervals_end_at_the_phase() {
-        let cell = Cell::periodic(8, 4);
+        let schedule = Schedule::periodic(8, 4).unwrap();
         for t in -20..20 {
-            let readout = cell.covering(t);
+            let readout = schedule.covering(t);
             assert!(readout.start <= t && t < readout.end());
             assert_eq!(readout.end().rem_euclid(8), 4);
         }
@@ -395,8 +458,9 @@ mod tests {
 
     #[test]
     fn broken_tiles_are_refused_by_place() {
-        let tile =
-            |json: &str| serde_json::from_str::<Tile>(json).unwrap().pattern("x").unwrap_err().to_string();
+        let tile = |json: &str| {
+            serde_json::from_str::<PatternTile>(json).unwrap().pattern("x").unwrap_err().to_string()
+        };
         assert!(tile(r#"{"tile": []}"#).contains("0×0"));
         assert!(tile(r#"{"tile": [[[2, 1], [0, 0]]]}"#).contains("column 1"));
         assert!(tile(r#"{"tile": [[[2, 1]], [[2, 1], [4, 0]]]}"#).contains("row 1"));

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::capture::ARRAY;
 use super::defects::Defects;
-use super::{Calibration, Capture, CaptureInfo, Cell, Pattern, Response, SensorError, Timing};
+use super::{Calibration, Capture, CaptureInfo, Pattern, Response, Schedule, SensorError, Timing};
 use crate::video::check_size;
 use crate::video::npy::{Counts, CountsReader};
 use crate::{At, Error, Result};
@@ -45,10 +45,11 @@ impl Recording {
         let pattern = info.pattern.pattern()?;
         let response = Response::new(info.response.form(folder)?, pattern.shortest_exposure() as f64)?;
         let fail = |problem: String| Err(SensorError::Capture(problem).into());
-        if height < pattern.rows || width < pattern.cols {
+        if height < pattern.rows() || width < pattern.cols() {
             return fail(format!(
                 "{height}×{width} pixels are fewer than the {}×{} of the pattern's tile",
-                pattern.rows, pattern.cols
+                pattern.rows(),
+                pattern.cols()
             ));
         }
         let CaptureInfo { bit_depth, black_level, white_level, frame_period_ms, .. } = info;
@@ -146,7 +147,7 @@ impl CaptureFile {
     pub fn pixel_values(&mut self, t: usize) -> Result<Vec<f32>> {
         let Recording { info, pattern, height, width, defects, .. } = &self.recording;
         let shown = match info.timing {
-            Timing::Covering => vec![t; pattern.cells.len()],
+            Timing::Covering => vec![t; pattern.schedules().len()],
             Timing::Hold => shown_in(pattern, info.schedule_start, t, self.frames - 1),
         };
         let mut values = vec![0.0; height * width];
@@ -262,13 +263,13 @@ impl FrameSource for MemoryFrames<'_> {
 /// the pattern's tile.
 fn shown_in(pattern: &Pattern, start: i64, t: usize, last: usize) -> Vec<usize> {
     let schedule = start + t as i64;
-    let end = |cell: &Cell| t + (cell.covering(schedule).end() - schedule) as usize;
-    pattern.cells.iter().map(|cell| end(cell).min(last)).collect()
+    let end = |pixel: &Schedule| t + (pixel.covering(schedule).end() - schedule) as usize;
+    pattern.schedules().iter().map(|pixel| end(pixel).min(last)).collect()
 }
 
 /// The place of pixel `i` of a frame in the pattern's tile.
 fn place(pattern: &Pattern, i: usize, width: usize) -> usize {
-    i / width % pattern.rows * pattern.cols + i % width % pattern.cols
+    i / width % pattern.rows() * pattern.cols() + i % width % pattern.cols()
 }
 
 /// Frames that hold the exposure that covers them, made of frames that hold the last finished read-out: frame t has

@@ -35,10 +35,8 @@ impl Noise {
 /// A simulated camera.
 #[derive(Clone, Debug)]
 pub struct Sampler {
-    /// When each pixel integrates.
-    pub pattern: Pattern,
-    /// From exposure to pixel value; it saturates at the pattern's shortest exposure.
-    pub response: Response,
+    pattern: Pattern,
+    response: Response,
     /// Shot and read noise.
     pub noise: Noise,
     /// Bits per pixel value, 1 to 16.
@@ -72,6 +70,16 @@ impl Sampler {
         })
     }
 
+    /// When each pixel integrates.
+    pub fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    /// From exposure to pixel value; it saturates at the pattern's shortest exposure.
+    pub fn response(&self) -> &Response {
+        &self.response
+    }
+
     /// Largest count.
     fn white(&self) -> u16 {
         ((1u32 << self.bit_depth) - 1) as u16
@@ -79,11 +87,11 @@ impl Sampler {
 
     /// The read-out that a frame of the capture holds.
     fn readout(&self, y: usize, x: usize, t: i64) -> Readout<'_> {
-        let cell = self.pattern.cell(y, x);
-        let covering = cell.covering(t);
+        let schedule = self.pattern.schedule(y, x);
+        let covering = schedule.covering(t);
         match self.timing {
             Timing::Covering => covering,
-            Timing::Hold => cell.covering(covering.start - 1),
+            Timing::Hold => schedule.covering(covering.start - 1),
         }
     }
 
@@ -95,7 +103,7 @@ impl Sampler {
             let t = (readout.start - self.schedule_start + *offset as i64).clamp(0, last) as usize;
             f64::from(video.data[t * video.frame_len() + pixel])
         };
-        readout.shutter.open.iter().map(frame).sum()
+        readout.shutter.open().iter().map(frame).sum()
     }
 
     /// Count of a read-out with exposure value x.

@@ -2,9 +2,8 @@
 
 use std::ops::Range;
 
-use super::cover::Cuboid;
-use super::gate::Cells;
 use super::pool::{Size, with_hop};
+use super::skip::{Cells, Cuboid};
 use super::tiles::{Cut, Grid, Stretch};
 use crate::Result;
 use crate::network::{Model, NetworkError, Plan};
@@ -47,18 +46,16 @@ pub struct Layout {
 
 impl Layout {
     /// For windows of `model`, whole ones cut by `grid` and others by `cut`.
-    pub fn new(model: &Model, mut cut: Cut, cells: &Cells, grid: &Grid) -> Result<Self> {
-        let cell = cells.size;
+    pub fn new(model: &Model, cut: Cut, cells: &Cells, grid: &Grid) -> Result<Self> {
+        let cell = cells.size();
         // No tile is larger than the grid's, which fit into memory.
-        let longest = |stretches: &[Stretch]| stretches.iter().map(|s| s.outer_len).max();
-        cut.longest = [&grid.rows, &grid.cols].map(|stretches| longest(stretches).unwrap_or(usize::MAX));
-        let most = |axis: usize, whole: usize| {
-            let longest = cut.longest[axis].min(whole);
-            let kept = longest.saturating_sub(2 * cut.halo[axis]);
+        let cut = cut.no_longer_than(grid.tile_extent());
+        let most = [0, 1].map(|axis| {
+            let (longest, whole) = (grid.tile_extent()[axis], grid.extent()[axis]);
+            let kept = longest.saturating_sub(2 * cut.halo()[axis]);
             // Lengths are rounded up by a quarter at most.
             if longest == whole { usize::MAX } else { (kept * 4 / 5 / cell[axis + 1]).max(1) }
-        };
-        let most = [most(0, grid.height), most(1, grid.width)];
+        });
         Ok(Self { overlap: overlap(model, cells)?, cut, hop: cells.hop(), cell, grid: grid.clone(), most })
     }
 
@@ -81,7 +78,7 @@ impl Layout {
 
     /// Cuts cells along an axis into as few stretches of about equal length as the longest tile allows.
     fn pieces(&self, axis: usize, cells: &Range<usize>) -> impl Iterator<Item = Stretch> {
-        let len = [self.grid.height, self.grid.width][axis];
+        let len = self.grid.extent()[axis];
         let count = cells.len().div_ceil(self.most[axis]);
         let (begin, cells, cell) = (cells.start, cells.len(), self.cell[axis + 1]);
         let pixel = move |piece: usize| ((begin + cells * piece / count) * cell).min(len);
@@ -111,12 +108,12 @@ impl Layout {
 /// Frames that a window computes besides those that it gives: operations grow with the number of result frames as
 /// α·(hop + overlap).
 fn overlap(model: &Model, cells: &Cells) -> Result<f64, NetworkError> {
-    if cells.slabs == 1 {
+    if cells.extent()[0] == 1 {
         return Ok(0.0);
     }
     let [_, y, x] = model.graph.granularity()?;
     let flop = |hop: usize| Ok::<_, NetworkError>(Plan::lower(&with_hop(model, hop), y, x)?.flop());
-    let [frames, ..] = cells.size;
+    let [frames, ..] = cells.size();
     let (one, two) = (flop(frames)?, flop(2 * frames)?);
     Ok(if two > one { frames as f64 * (2.0 * one - two) / (two - one) } else { 0.0 })
 }

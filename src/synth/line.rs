@@ -10,14 +10,11 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::cover::Active;
 use super::footage::Seen;
-use super::gate::{Cells, Choice};
 use super::layout::Tile;
 use super::pool::Pool;
-use super::report::Audit;
+use super::skip::{Active, Audit, Cells, Choice, Kept};
 use super::tiles::Grid;
-use crate::math::tone;
 use crate::network::Window;
 use crate::video::Video;
 use crate::{Error, Result};
@@ -78,8 +75,8 @@ pub struct Line<'a> {
     results: VecDeque<Video>,
     /// Memory for results: what of it is delivered is written anew for every window.
     free: Vec<Video>,
-    /// The last result of every cell at each phase of the pattern, where something may be skipped.
-    kept: Option<Video>,
+    /// The last result of every cell, where something may be skipped.
+    kept: Option<Kept>,
     measurement: Vec<f32>,
     tile: Vec<f32>,
     /// Windows that an executor can hold.
@@ -118,7 +115,7 @@ impl<'a> Line<'a> {
             queue: VecDeque::new(),
             results: VecDeque::new(),
             free: Vec::new(),
-            kept: keeps.then(|| Video::black(cells.repeat, extent[0], extent[1])),
+            kept: keeps.then(|| Kept::new(cells, extent)),
             measurement: Vec::new(),
             tile: Vec::new(),
             ahead: 1,
@@ -140,13 +137,14 @@ impl<'a> Line<'a> {
             }
             let schedule = window.begin + tile.frames.start as i64 - self.window.lead as i64;
             let frames = self.window.frames - self.window.hop + tile.frames.len();
+            let [_, padded_width] = self.grid.extent();
             let [height, width] = [tile.row.outer_len, tile.col.outer_len];
             self.measurement.resize(frames * height * width, 0.0);
             let values = self.measurement.par_chunks_mut(height * width);
             values.enumerate().for_each(|(t, values)| {
                 let frame = seen.at(schedule + t as i64);
                 for (y, values) in (tile.row.outer_start..).zip(values.chunks_mut(width)) {
-                    values.copy_from_slice(&frame[y * self.grid.width + tile.col.outer_start..][..width]);
+                    values.copy_from_slice(&frame[y * padded_width + tile.col.outer_start..][..width]);
                 }
             });
             let begun = Instant::now();
@@ -212,46 +210,10 @@ impl<'a> Line<'a> {
     /// Fills cells that were not computed with their last results, and keeps the others'.
     fn merge(&mut self, window: &Submitted, result: &mut Video) {
         let (Some(kept), Some(active)) = (&mut self.kept, &window.choice.active) else { return };
-        let [cell_frames, cell_rows, cell_cols] = self.cells.size;
-        let [height, width] = self.extent;
-        let phase = |t: usize| (window.begin + t as i64).rem_euclid(self.cells.repeat as i64) as usize;
         if let Some(audited) = &window.choice.audit {
-            let audit = &mut self.done.audit;
-            for (cell, _) in audited.iter().enumerate().filter(|(_, audited)| **audited) {
-                let (r, c) = (cell / self.cells.cols(), cell % self.cells.cols());
-                let (mut sum, mut n) = (0.0, 0usize);
-                for t in 0..cell_frames {
-                    for y in r * cell_rows..((r + 1) * cell_rows).min(height) {
-                        for x in c * cell_cols..((c + 1) * cell_cols).min(width) {
-                            let l = |video: &Video, t: usize| tone(f64::from(video.frame(t)[y * width + x]));
-                            sum += l(kept, phase(t)) - l(result, t);
-                            n += 1;
-                        }
-                    }
-                }
-                if n > 0 {
-                    audit.add(sum / n as f64);
-                }
-            }
+            kept.audit(window.begin, audited, result, &mut self.done.audit);
         }
-        for t in 0..self.window.hop {
-            let active = active.slab(t / cell_frames);
-            let (result, kept) = (result.frame_mut(t), kept.frame_mut(phase(t)));
-            for y in 0..height {
-                let active = &active[y / cell_rows * self.cells.cols()..][..self.cells.cols()];
-                let mut x = 0;
-                for same in active.chunk_by(|a, b| a == b) {
-                    let end = (x + same.len() * cell_cols).min(width);
-                    let here = y * width + x.min(width)..y * width + end;
-                    if same[0] {
-                        kept[here.clone()].copy_from_slice(&result[here]);
-                    } else {
-                        result[here.clone()].copy_from_slice(&kept[here]);
-                    }
-                    x = end;
-                }
-            }
-        }
+        kept.merge(window.begin, active, result);
     }
 
     fn deliver(&mut self, window: Submitted, result: &Video) -> Result<()> {
@@ -266,8 +228,8 @@ impl<'a> Line<'a> {
             let frame = ResultFrame {
                 number: (t - self.start) as usize,
                 values: result.frame(in_window).to_vec(),
-                computed: active.clone().map(|active| (active, in_window / self.cells.size[0])),
-                cell: [self.cells.size[1], self.cells.size[2]],
+                computed: active.clone().map(|active| (active, in_window / self.cells.size()[0])),
+                cell: [self.cells.size()[1], self.cells.size()[2]],
                 inference,
             };
             self.deliver.send(frame).map_err(|_| Error::Stopped)?;

@@ -9,14 +9,13 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::Backend;
-use super::cover::cover;
 use super::ensemble::views;
 use super::footage::{Footage, Seen};
-use super::gate::{Cells, Gate};
 use super::layout::Layout;
 use super::line::{Done, Line, ResultFrame, Submitted};
 use super::pool::{Pool, with_hop};
 use super::report::Report;
+use super::skip::{Cells, Gate, Skip, cell_frames, cover};
 use super::tiles::{Cut, Grid, Limits};
 use super::windows;
 use crate::math::lcm;
@@ -24,33 +23,6 @@ use crate::network::{Graph, Model, NetworkError, Plan, Window};
 use crate::sensor::{Calibration, Capture, FrameSource, Recording, SensorError};
 use crate::video::Video;
 use crate::{Error, Result};
-
-/// What may be left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Skip {
-    /// Nothing.
-    #[default]
-    Off,
-    /// What gives the same bits.
-    Exact,
-    /// What differs by no more than noise explains, or by no more than this in l.
-    Bounded(f64),
-}
-
-impl Skip {
-    /// Error that is allowed where the user says nothing: 1.7% of the irradiance. It costs less than 0.1 dB of PSNR-µ
-    /// at the quality that the nets reach (docs/skipping.md).
-    pub const ALLOWED_ERROR: f64 = 0.002;
-
-    /// `off`, `exact` or `bounded`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::Exact => "exact",
-            Self::Bounded(_) => "bounded",
-        }
-    }
-}
 
 /// How a synthesizer works.
 #[derive(Clone, Copy, Debug, Default)]
@@ -87,12 +59,6 @@ pub struct Synthesizer {
     stop: Arc<AtomicBool>,
 }
 
-/// Least frames of a cell, and least rows and columns.
-const CELL_FRAMES: usize = 8;
-const CELL_SIDE: usize = 4;
-/// Cells [rows, columns] around one that has changed whose results change noticeably, which was measured
-/// (docs/skipping.md).
-const SPREAD: [usize; 2] = [2, 3];
 /// Where windows follow each other, long ones save nothing but their own beginnings and ends. So they take about as many
 /// bytes at most, but give as many frames at least (docs/performance.md).
 const STREAM_BYTES: usize = 1 << 30;
@@ -146,21 +112,10 @@ impl Synthesizer {
         let lengths = lengths(&model.graph, &calibration, options)?;
         let (model, grid) = &fit(model, &calibration, extent, backend.limits(options.side), &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
-        let cell_frames = lengths.cell.min(hop);
         let exact = Cut::exact(&model.graph, &calibration, backend.compiles())?;
-        let side = |tile: usize| tile * CELL_SIDE.div_ceil(tile);
-        let cells = Cells {
-            size: [cell_frames, side(calibration.rows), side(calibration.cols)],
-            slabs: hop / cell_frames,
-            height: grid.height,
-            width: grid.width,
-            repeat: lcm(cell_frames, calibration.period),
-        };
-        let spread = [0, 1].map(|axis| exact.halo[axis].div_ceil(cells.size[axis + 1]));
-        let (cut, spread) = match skip {
-            Skip::Bounded(_) => (exact.bounded(), [0, 1].map(|axis| spread[axis].min(SPREAD[axis]))),
-            _ => (exact, spread),
-        };
+        let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &calibration);
+        let spread = skip.spread(&cells, exact.halo());
+        let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let whole = layout.whole(hop);
         // One tile's windows follow each other; those of several ones, or views, take turns.
@@ -241,7 +196,8 @@ impl Synthesizer {
             .into());
         }
         let begun = Instant::now();
-        let waiting = (WAITING_BYTES / (4 * self.grid.height * self.grid.width)).clamp(2, 64);
+        let [height, width] = self.grid.extent();
+        let waiting = (WAITING_BYTES / (4 * height * width)).clamp(2, 64);
         let padding =
             Padding { extent: self.extent, calibration: &self.calibration.clone(), grid: &self.grid.clone() };
         std::thread::scope(|scope| {
@@ -298,10 +254,10 @@ impl Synthesizer {
             // Behind the end of the recording nothing is wanted.
             let frames = ((recorded.end - begin) as usize).next_multiple_of(*step).min(window.hop);
             if let Some(active) = &mut choice.active {
-                active.clear_from(frames.div_ceil(cells.size[0]));
+                active.clear_from(frames.div_ceil(cells.size()[0]));
             }
             let tiles = match &choice.active {
-                Some(active) if active.count() < active.cells.len() => {
+                Some(active) if !active.all() => {
                     let cuboids = cover(active, &|cuboid| layout.cost(cuboid));
                     cuboids.iter().flat_map(|cuboid| layout.tiles(cuboid)).collect()
                 }
@@ -324,7 +280,7 @@ impl Synthesizer {
         Ok(Report {
             frames,
             windows: count as usize,
-            tiles: grid.tiles().count(),
+            tiles: grid.count(),
             frame_times,
             executor: self.executor.clone(),
             flop_per_frame: self.flop,
@@ -376,8 +332,7 @@ fn lengths(graph: &Graph, calibration: &Calibration, options: Options) -> Result
             streams: options.ensemble <= 1,
         });
     }
-    let repeat = lcm(granularity, calibration.period);
-    let cell = repeat * CELL_FRAMES.div_ceil(repeat);
+    let cell = cell_frames(lcm(granularity, calibration.period));
     let hop = wanted.max(1).next_multiple_of(cell);
     Ok(Lengths { hop, least: least(hop, cell), cell, step: cell, streams: false })
 }
@@ -406,8 +361,8 @@ fn fit(
     let candidate = |hop: usize| -> Result<(f64, Model, Grid)> {
         let model = with_hop(model, hop);
         let grid = Grid::fit(&model, calibration, extent, limits)?;
-        let [height, width] = [&grid.rows, &grid.cols].map(|stretches| stretches[0].outer_len);
-        let flop = grid.tiles().count() as f64 * Plan::lower(&model, height, width)?.flop() / hop as f64;
+        let [height, width] = grid.tile_extent();
+        let flop = grid.count() as f64 * Plan::lower(&model, height, width)?.flop() / hop as f64;
         Ok((flop, model, grid))
     };
     let shorter = |&hop: &usize| {
@@ -416,7 +371,7 @@ fn fit(
     };
     let mut best = candidate(lengths.hop);
     for hop in std::iter::successors(Some(lengths.hop), shorter).skip(1) {
-        if best.as_ref().is_ok_and(|(_, _, grid)| grid.tiles().count() == 1) {
+        if best.as_ref().is_ok_and(|(_, _, grid)| grid.count() == 1) {
             break;
         }
         best = match (best, candidate(hop)) {
@@ -426,8 +381,8 @@ fn fit(
         };
     }
     let (_, mut model, mut grid) = best?;
-    while lengths.streams && grid.tiles().count() == 1 {
-        let (slots, follows) = limits.slots(&model, [grid.height, grid.width], true)?;
+    while lengths.streams && grid.count() == 1 {
+        let (slots, follows) = limits.slots(&model, grid.extent(), true)?;
         let before = model.graph.window.hop;
         let hop = (before / 2).next_multiple_of(lengths.step).max(lengths.least).max(STREAM_FRAMES);
         if hop >= before || !follows || 4 * slots.iter().sum::<usize>() <= STREAM_BYTES {
@@ -466,7 +421,7 @@ struct Padding<'a> {
 
 impl Padding<'_> {
     fn pad(&self, values: Vec<f32>) -> Vec<f32> {
-        windows::padded(values, self.calibration, self.extent, [self.grid.height, self.grid.width])
+        windows::padded(values, self.calibration, self.extent, self.grid.extent())
     }
 }
 
@@ -512,7 +467,7 @@ mod tests {
         let fitted = |total: u64, lengths: &Lengths| {
             let limits = Limits { buffer: u64::MAX, total, piece: None, side: None };
             let (model, grid) = fit(&model, &calibration, extent, limits, lengths).unwrap();
-            (model.graph.window.hop, grid.tiles().count())
+            (model.graph.window.hop, grid.count())
         };
         assert_eq!(fitted(bytes(48), &lengths), (48, 1));
         // A shorter window costs less than the halos of tiles.

@@ -19,17 +19,15 @@ pub struct Stretch {
     pub outer_len: usize,
 }
 
-/// The tiles of a frame: all pairs of `rows` and `cols`.
+/// The tiles of a frame, all of which compute equally many rows and columns: all pairs of `rows` and `cols`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Grid {
     /// Stretches of rows, which together keep the padded height once.
-    pub rows: Vec<Stretch>,
+    rows: Vec<Stretch>,
     /// Stretches of columns.
-    pub cols: Vec<Stretch>,
-    /// Height, padded to the granularity.
-    pub height: usize,
-    /// Width, padded to the granularity.
-    pub width: usize,
+    cols: Vec<Stretch>,
+    /// Rows and columns, padded to the granularity.
+    extent: [usize; 2],
 }
 
 /// What limits the size of a tile.
@@ -87,17 +85,17 @@ impl Grid {
         let mut parts = [height.div_ceil(side.max(cut.unit[0])), width.div_ceil(side.max(cut.unit[1]))];
         loop {
             let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
-            let tallest = rows.iter().map(|s| s.outer_len).max().unwrap_or(0);
-            let widest = cols.iter().map(|s| s.outer_len).max().unwrap_or(0);
-            let (slots, _) = limits.slots(model, [tallest, widest], parts == [1, 1])?;
+            let grid = Self { rows, cols, extent: [height, width] };
+            let (slots, _) = limits.slots(model, grid.tile_extent(), parts == [1, 1])?;
             let largest = 4 * slots.iter().max().copied().unwrap_or(0) as u64;
             let total = 4 * slots.iter().sum::<usize>() as u64;
             if largest <= limits.buffer && total <= limits.total {
-                return Ok(Self { rows, cols, height, width });
+                return Ok(grid);
             }
             // Cut the longer side once more, unless it is cut as finely as it can be.
             let finest = [height / cut.unit[0], width / cut.unit[1]];
-            let axis = usize::from(widest > tallest);
+            let [rows, cols] = grid.tile_extent();
+            let axis = usize::from(cols > rows);
             let axis = if parts[axis] < finest[axis] { axis } else { 1 - axis };
             if parts[axis] >= finest[axis] {
                 return Err(NetworkError::Graph(
@@ -114,6 +112,21 @@ impl Grid {
         }
     }
 
+    /// Rows and columns of a frame, padded to the granularity.
+    pub fn extent(&self) -> [usize; 2] {
+        self.extent
+    }
+
+    /// Rows and columns that each tile computes.
+    pub fn tile_extent(&self) -> [usize; 2] {
+        [&self.rows, &self.cols].map(|stretches| stretches[0].outer_len)
+    }
+
+    /// Number of tiles.
+    pub fn count(&self) -> usize {
+        self.rows.len() * self.cols.len()
+    }
+
     /// The tiles, row by row.
     pub fn tiles(&self) -> impl Iterator<Item = (Stretch, Stretch)> + '_ {
         self.rows.iter().flat_map(|&row| self.cols.iter().map(move |&col| (row, col)))
@@ -121,16 +134,16 @@ impl Grid {
 }
 
 /// Where a frame may be cut, and how much a tile must see beyond what it keeps.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cut {
-    /// Tiles begin at multiples of this: granularity of the net and tile of the pattern.
-    pub unit: [usize; 2],
+    /// Tiles begin at multiples of this: granularity of the net and pattern tile.
+    unit: [usize; 2],
     /// Pixels that a result depends on to each side.
-    pub halo: [usize; 2],
+    halo: [usize; 2],
     /// Whether a new length costs much, since shaders are compiled for it: then lengths are rounded up to few.
-    pub few_lengths: bool,
+    few_lengths: bool,
     /// Lengths that are not exceeded for that alone.
-    pub longest: [usize; 2],
+    longest: [usize; 2],
 }
 
 impl Cut {
@@ -152,6 +165,17 @@ impl Cut {
             ((root / 4.0).ceil() as usize).min(self.halo[i])
         };
         Self { halo: [halo(0), halo(1)], ..*self }
+    }
+
+    /// With lengths that are not rounded up beyond those of `longest` [rows, columns].
+    #[must_use]
+    pub fn no_longer_than(self, longest: [usize; 2]) -> Self {
+        Self { longest, ..self }
+    }
+
+    /// Rows and columns that a result depends on to each side.
+    pub fn halo(&self) -> [usize; 2] {
+        self.halo
     }
 
     /// The stretch that keeps pixels `kept` along `axis` of a frame of `len` pixels.

@@ -55,7 +55,7 @@ impl LiveCamera {
         // Frames are delivered when all of their exposures have ended.
         sampler.timing = Timing::Covering;
         sampler.schedule_start = 0;
-        if !BLOCK.is_multiple_of(sampler.pattern.period()) {
+        if !BLOCK.is_multiple_of(sampler.pattern().period()) {
             return Err(Error::Usage(format!(
                 "a live camera wants a pattern that repeats within {BLOCK} frames; sample a video of the scene instead"
             )));
@@ -89,7 +89,7 @@ impl LiveCamera {
 
     /// Longest exposure in frames: the latency that the camera costs.
     pub fn latency(&self) -> usize {
-        self.sampler.pattern.longest_readout()
+        self.sampler.pattern().longest_readout()
     }
 
     /// What is known of a recording that begins with frame `from`.
@@ -285,7 +285,7 @@ mod tests {
     fn long_patterns_are_refused_with_the_cure() {
         let sampler = Sampler::new(Pattern::built_in("coded").unwrap(), Form::Linear).unwrap();
         let scene = procedural::by_name("fan", 24, 32, 0).unwrap();
-        let period = sampler.pattern.period();
+        let period = sampler.pattern().period();
         let outcome = LiveCamera::new(scene, sampler, [24, 32], 0);
         if BLOCK.is_multiple_of(period) {
             assert!(outcome.is_ok());

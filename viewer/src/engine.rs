@@ -502,7 +502,7 @@ impl Worker {
         let Some(Backend::Gpu(gpu, _)) = &self.backend else { return None };
         let results = gpu.results()?;
         let Dials { skip, ensemble, .. } = self.dials;
-        let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.grid().tiles().count() == 1;
+        let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.grid().count() == 1;
         results.begin(whole);
         whole.then(|| Arc::clone(results))
     }
@@ -537,7 +537,7 @@ impl Worker {
             status.notice = warning.or(status.notice.take());
             status.recording = Some(Arc::new(recording.clone()));
             status.about.period_ms = recording.info.frame_period_ms;
-            status.about.pattern = Some(recording.pattern.name.clone());
+            status.about.pattern = Some(recording.pattern.name().to_owned());
         }
         let options = synth::Options { side, skip, hop, ensemble };
         let synthesizer = match self.synthesizer.take() {

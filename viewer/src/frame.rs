@@ -46,7 +46,7 @@ impl Computed {
     /// Whether the pixel at row `y`, column `x` was computed.
     pub fn is(&self, y: usize, x: usize) -> bool {
         let (r, c) = (y / self.cell[0].max(1), x / self.cell[1].max(1));
-        self.active.slab(self.slab).get(r * self.active.extent[2] + c).is_some_and(|active| *active)
+        self.active.slab(self.slab).get(r * self.active.extent()[2] + c).is_some_and(|active| *active)
     }
 
     /// Part of the cells that was computed.

@@ -212,7 +212,7 @@ impl Viewer {
             }
             if let Some(recording) = &self.status.recording {
                 let t = recording.info.schedule_start + frame.number as i64;
-                let covering = recording.pattern.cell(y, x).covering(t);
+                let covering = recording.pattern.schedule(y, x).covering(t);
                 text += &format!("  exposure {} frames", covering.shutter.exposure());
             }
         }

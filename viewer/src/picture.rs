@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::frame::{Frame, Plane};
 use crate::place::Part;
 use crate::tone::ToneTable;
-use pix2hdr::sensor::{Cell, Pattern};
+use pix2hdr::sensor::{Pattern, Schedule};
 
 /// What a pane can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -210,22 +210,22 @@ impl Kinds {
     /// The kinds of `pattern`, in the order of their exposures and phases. Of patterns with very many (random codes),
     /// they are not told apart.
     pub fn new(pattern: &Pattern) -> Self {
-        let mut kinds: Vec<&Cell> = Vec::new();
-        for cell in &pattern.cells {
-            if !kinds.contains(&cell) {
-                kinds.push(cell);
+        let mut kinds: Vec<&Schedule> = Vec::new();
+        for kind in pattern.schedules() {
+            if !kinds.contains(&kind) {
+                kinds.push(kind);
             }
         }
         if kinds.len() > MOST_KINDS {
             return Self::default();
         }
-        kinds.sort_by_key(|cell| cell.shutters.first().map(|s| (s.exposure(), s.start)));
-        let (rows, cols) = (pattern.rows as isize, pattern.cols as isize);
-        let nearest = |kind: &Cell| -> Vec<[isize; 2]> {
+        kinds.sort_by_key(|kind| kind.shutters().first().map(|s| (s.exposure(), s.start())));
+        let (rows, cols) = (pattern.rows() as isize, pattern.cols() as isize);
+        let nearest = |kind: &Schedule| -> Vec<[isize; 2]> {
             let places = || (0..rows).flat_map(|r| (0..cols).map(move |c| [r, c]));
             let others = || (-rows..2 * rows).flat_map(|r| (-cols..2 * cols).map(move |c| [r, c]));
             let is = |[r, c]: [isize; 2]| {
-                *pattern.cell(r.rem_euclid(rows) as usize, c.rem_euclid(cols) as usize) == *kind
+                *pattern.schedule(r.rem_euclid(rows) as usize, c.rem_euclid(cols) as usize) == *kind
             };
             let to = |[r, c]: [isize; 2]| {
                 let distance = move |[v, u]: &[isize; 2]| (v - r).pow(2) + (u - c).pow(2);
@@ -233,14 +233,14 @@ impl Kinds {
             };
             places().map(to).collect()
         };
-        let name = |cell: &Cell| match cell.shutters.as_slice() {
-            [shutter] => format!("exposure {}, phase {}", shutter.exposure(), shutter.start),
+        let name = |kind: &Schedule| match kind.shutters() {
+            [shutter] => format!("exposure {}, phase {}", shutter.exposure(), shutter.start()),
             shutters => format!("{} exposures", shutters.len()),
         };
         Self {
             names: kinds.iter().map(|kind| name(kind)).collect(),
             across: (kinds.len() as f64).sqrt().ceil() as usize,
-            tile: [pattern.rows, pattern.cols],
+            tile: [pattern.rows(), pattern.cols()],
             nearest: kinds.iter().map(|kind| nearest(kind)).collect(),
         }
     }
@@ -331,8 +331,8 @@ mod tests {
                     for y in r * height / down..(r + 1) * height / down {
                         for x in c * width / kinds.across..(c + 1) * width / kinds.across {
                             let Some((y, x)) = kinds.source(y, x, [height, width]) else { continue };
-                            let cell = pattern.cell(y, x).clone();
-                            assert_eq!(*kind.get_or_insert(cell.clone()), cell, "{name} {r} {c}");
+                            let schedule = pattern.schedule(y, x).clone();
+                            assert_eq!(*kind.get_or_insert(schedule.clone()), schedule, "{name} {r} {c}");
                         }
                     }
                     found.extend(kind);

@@ -358,7 +358,7 @@ impl Screen {
         let mut computed = self.nothing.clone();
         if let Some(cells) = cells {
             [uniform.cell_rows, uniform.cell_cols] = cells.cell.map(|side| side.max(1) as u32);
-            uniform.cells = cells.active.extent[2] as u32;
+            uniform.cells = cells.active.extent()[2] as u32;
             let flags: Vec<u32> = cells.active.slab(cells.slab).iter().map(|cell| u32::from(*cell)).collect();
             computed = storage_buffer(&self.device, "computed cells", &flags);
         }
@@ -574,9 +574,7 @@ mod tests {
             Some((0..height * width).map(value).collect())
         };
         let raw = (0..height * width).map(|i| (i * 7919 % 1024) as f32 / 1023.0).collect();
-        let active = Active { extent: [1, height.div_ceil(4), width.div_ceil(4)], cells: Vec::new() };
-        let cells = active.extent.iter().product();
-        let active = Active { cells: (0..cells).map(|i: usize| i.is_multiple_of(3)).collect(), ..active };
+        let active = Active::new([1, height.div_ceil(4), width.div_ceil(4)], |i| i.is_multiple_of(3));
         Frame {
             number: 0,
             height,

@@ -43,8 +43,10 @@ impl Series {
         };
         let raw = |frame: &Frame| {
             let recording = recording?;
-            let covering =
-                recording.pattern.cell(y, x).covering(recording.info.schedule_start + frame.number as i64);
+            let covering = recording
+                .pattern
+                .schedule(y, x)
+                .covering(recording.info.schedule_start + frame.number as i64);
             Some(recording.response.exposure(of(frame, &frame.mosaic)?) / covering.shutter.exposure() as f64)
         };
         let all = [

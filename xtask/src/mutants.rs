@@ -81,15 +81,15 @@ const MUTANTS: [Mutant; 19] = [
     Mutant {
         what: "held read-outs are taken at the wrong phase",
         file: "src/sensor/recording.rs",
-        sound: "(cell.covering(schedule).end() - schedule)",
-        faulty: "(cell.covering(schedule + 1).end() - schedule)",
+        sound: "(pixel.covering(schedule).end() - schedule)",
+        faulty: "(pixel.covering(schedule + 1).end() - schedule)",
         test: ["synthesis", "hold_equals_covering"],
     },
     Mutant {
-        what: "a stale tile is kept though its surroundings changed",
-        file: "src/synth/gate.rs",
-        sound: "changed_at_all(seen, self.cells, self.around(k, s), self.spread)",
-        faulty: "changed_at_all(seen, self.cells, self.around(k, s), [0, 0])",
+        what: "a stale cell is kept though its surroundings changed",
+        file: "src/synth/skip/gate.rs",
+        sound: "changed_at_all(seen, gate.cells, gate.around(k, s), gate.spread)",
+        faulty: "changed_at_all(seen, gate.cells, gate.around(k, s), [0, 0])",
         test: ["skipping", "exact_skipping_changes_no_bit"],
     },
     Mutant {
@@ -109,9 +109,9 @@ const MUTANTS: [Mutant; 19] = [
     Mutant {
         what: "a shutter that runs backwards begins where it began",
         file: "src/sensor/symmetry.rs",
-        sound: "self.place(0, first.wrapping_add(frames as i64 - 1))",
-        faulty: "self.place(0, first)",
-        test: ["lib", "sensor::symmetry::tests::mpve_looks_the_same_in_eight_views"],
+        sound: "self.map(0, first.wrapping_add(frames as i64 - 1))",
+        faulty: "self.map(0, first)",
+        test: ["lib", "sensor::symmetry::tests::mpve_has_eight_symmetries"],
     },
     Mutant {
         what: "results of a view that runs backwards stay so",
@@ -128,10 +128,10 @@ const MUTANTS: [Mutant; 19] = [
         test: ["ensemble", "an_ensemble_is_the_mean_over_views"],
     },
     Mutant {
-        what: "a window behind one that moves everywhere is not remembered",
-        file: "src/synth/gate.rs",
-        sound: "self.remember_whole(k, seen);\n                        return",
-        faulty: "return",
+        what: "a window behind one that moves everywhere is not compared with",
+        file: "src/synth/skip/gate.rs",
+        sound: "if moved_everywhere {\n                    self.update_whole(k, seen);",
+        faulty: "if moved_everywhere {",
         test: ["skipping", "a_scene_that_stops_is_kept_again"],
     },
     Mutant {

@@ -1,9 +1,8 @@
 //! How much a pixel value scatters when nothing changes.
 
-use super::footage::Frame;
-use super::gate::Cells;
-use super::memory::Readouts;
-use crate::sensor::Recording;
+use super::cells::Cells;
+use crate::sensor::{Readouts, Recording};
+use crate::synth::footage::Frame;
 
 /// Entries of tables over the pixel value y = i/(n − 1).
 pub const LEVELS: usize = 1024;
@@ -17,6 +16,20 @@ const ENOUGH: usize = 6;
 /// Index into a table of [`LEVELS`] entries.
 pub fn level(y: f32) -> usize {
     ((y * (LEVELS - 1) as f32 + 0.5) as usize).min(LEVELS - 1)
+}
+
+/// From one entry of such a table to the next one.
+const STEP: f64 = 1.0 / (LEVELS - 1) as f64;
+
+/// Pixel value of an entry of such a table.
+pub fn value(level: usize) -> f64 {
+    level as f64 * STEP
+}
+
+/// dx/dy of R⁻¹, x = `exposure`(y), over the levels beside the one of `y`.
+pub fn slope(y: f64, exposure: impl Fn(f64) -> f64) -> f64 {
+    let (below, above) = ((y - STEP).max(0.0), (y + STEP).min(1.0));
+    (exposure(above) - exposure(below)) / (above - below)
 }
 
 /// Variance of a pixel value by its level.
@@ -38,15 +51,10 @@ impl Scatter {
         let read_noise = recording.info.read_noise_e?;
         let response = &recording.response;
         let per_x = full_well / response.saturation();
-        let step = 1.0 / (LEVELS - 1) as f64;
-        let variance = (0..LEVELS).map(|i| {
-            let y = i as f64 * step;
-            let x = response.exposure(y);
-            // dx/dy over the neighbouring levels.
-            let (below, above) = ((y - step).max(0.0), (y + step).min(1.0));
-            let slope = (response.exposure(above) - response.exposure(below)) / (above - below);
-            let electrons = x * per_x + read_noise * read_noise;
-            (electrons / (per_x * slope.max(1e-9)).powi(2) + rounding(recording)) as f32
+        let exposure = |y: f64| response.exposure(y);
+        let variance = (0..LEVELS).map(value).map(|y| {
+            let electrons = exposure(y) * per_x + read_noise * read_noise;
+            (electrons / (per_x * slope(y, exposure).max(1e-9)).powi(2) + rounding(recording)) as f32
         });
         Some(Self { variance: variance.collect() })
     }
@@ -63,7 +71,7 @@ impl Scatter {
         readouts: &Readouts,
         recording: &Recording,
     ) -> Option<Self> {
-        let kinds = readouts.exposures.len();
+        let kinds = readouts.exposures().len();
         let columns = cells.width.div_ceil(PATCH[1]);
         let groups = cells.height.div_ceil(PATCH[0]) * columns * kinds;
         // Sum of levels, of squared differences, and number of read-outs of each group.

@@ -1,6 +1,6 @@
 //! What cells were last computed from, and whether they have changed since by more than noise explains.
 //!
-//! With d the difference of a read-out from the one that is remembered, w = 1/(2σ²) from the sensor's noise, and
+//! With d the difference of a read-out from that of the reference, w = 1/(2σ²) from the sensor's noise, and
 //! a = dl/dy the slope of the tone curve at the read-out's exposure, the read-outs of a cell give
 //!
 //! - Σ w·d², which is about their number n if only noise differs, with a deviation of √(2n);
@@ -16,11 +16,13 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::footage::Seen;
-use super::gate::Cells;
-use super::noise::{LEVELS, Scatter, level};
+use super::cells::Cells;
+use super::noise::{LEVELS, Scatter, level, slope, value};
+use crate::cpu::inverse_response;
 use crate::math::MU;
-use crate::sensor::{Calibration, Recording};
+use crate::network::SATURATED;
+use crate::sensor::{Calibration, Readouts, Recording};
+use crate::synth::footage::Seen;
 
 /// Deviations that noise may explain, for sums over many read-outs and for a single one.
 const DEVIATIONS: f32 = 4.5;
@@ -29,51 +31,7 @@ const SINGLE_DEVIATIONS: f32 = 6.5;
 /// Rows and columns of cells whose mean change is looked at together.
 const GROUP: usize = 4;
 
-/// In which frame each read-out of the pattern begins to show, and its exposure.
-#[derive(Debug)]
-pub struct Readouts {
-    /// The pattern's exposures, in frames.
-    pub exposures: Vec<usize>,
-    /// Number of the exposure that begins, [period, rows, cols].
-    begins: Vec<Option<usize>>,
-    period: usize,
-    rows: usize,
-    cols: usize,
-}
-
-impl Readouts {
-    /// Those of a recording's pattern.
-    pub fn new(recording: &Recording) -> Self {
-        let pattern = &recording.pattern;
-        let mut exposures = Vec::new();
-        let mut begins = Vec::new();
-        for t in 0..pattern.period() as i64 {
-            for cell in &pattern.cells {
-                let readout = cell.covering(t);
-                let exposure = readout.shutter.exposure();
-                if !exposures.contains(&exposure) {
-                    exposures.push(exposure);
-                }
-                let begun = readout.start == t;
-                begins.push(exposures.iter().position(|e| *e == exposure).filter(|_| begun));
-            }
-        }
-        Self { exposures, begins, period: pattern.period(), rows: pattern.rows, cols: pattern.cols }
-    }
-
-    /// Number of the exposure whose read-out begins to show at schedule time `t` in row `y`, column `x`.
-    pub fn beginning(&self, t: i64, y: usize, x: usize) -> Option<usize> {
-        self.row(t, y)[x % self.cols]
-    }
-
-    /// The same for one row of the pattern's tile.
-    fn row(&self, t: i64, y: usize) -> &[Option<usize>] {
-        let t = t.rem_euclid(self.period as i64) as usize;
-        &self.begins[(t * self.rows + y % self.rows) * self.cols..][..self.cols]
-    }
-}
-
-/// What a block of read-outs says.
+/// What some read-outs say.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     /// Number of read-outs.
@@ -123,7 +81,7 @@ impl Sums {
 }
 
 /// What every cell was last computed from, and how differences from it count.
-pub struct Memory<'a> {
+pub struct Reference<'a> {
     cells: &'a Cells,
     calibration: &'a Calibration,
     readouts: Readouts,
@@ -141,15 +99,15 @@ pub struct Memory<'a> {
     known: Vec<[f32; 2]>,
 }
 
-impl<'a> Memory<'a> {
-    /// Remembers nothing yet, and never anything if it is not `used`.
+impl<'a> Reference<'a> {
+    /// Nothing yet, and never anything if it is not `used`.
     pub fn new(cells: &'a Cells, calibration: &'a Calibration, recording: &Recording, used: bool) -> Self {
         let frames = if used { cells.repeat } else { 0 };
         let len = frames * cells.rows() * cells.size[1] * cells.width;
         Self {
             cells,
             calibration,
-            readouts: Readouts::new(recording),
+            readouts: Readouts::new(&recording.pattern),
             scatter: None,
             weight: Vec::new(),
             slopes: Vec::new(),
@@ -170,40 +128,28 @@ impl<'a> Memory<'a> {
         self.scatter.is_some()
     }
 
-    /// Sets the noise by which differences count from the next [`Memory::remember`] on.
+    /// Sets the noise by which differences count from the next [`Reference::update`] on.
     pub fn set_scatter(&mut self, scatter: Option<Scatter>) {
         let Some(scatter) = scatter else {
             self.scatter = None;
             return;
         };
         self.weight = scatter.variance.iter().map(|variance| 0.5 / variance).collect();
-        self.slopes = self.readouts.exposures.iter().map(|&exposure| self.slopes(exposure as f64)).collect();
+        self.slopes =
+            self.readouts.exposures().iter().map(|&exposure| self.slopes(exposure as f64)).collect();
         self.scatter = Some(scatter);
     }
 
     /// w/a and w/a² by level for read-outs of an exposure; 0 where R⁻¹ does not rise or the read-out is saturated.
     fn slopes(&self, exposure: f64) -> Vec<[f32; 2]> {
-        let table = &self.calibration.inverse_response;
-        let x = |y: f64| {
-            let at = y.clamp(0.0, 1.0) * (table.len() - 1) as f64;
-            let i = (at as usize).min(table.len() - 2);
-            f64::from(table[i]) + (at - i as f64) * f64::from(table[i + 1] - table[i])
-        };
-        let step = 1.0 / (LEVELS - 1) as f64;
-        let slope = |i: usize| {
-            let y = i as f64 * step;
-            let (below, above) = ((y - step).max(0.0), (y + step).min(1.0));
-            // l' = µ/((1 + µp)·ln(1 + µ)), and p = x/e.
+        let x = |y: f64| inverse_response(&self.calibration.inverse_response, y);
+        let of = |(y, &w): (f64, &f32)| {
+            // dl/dp = µ/((1 + µp)·ln(1 + µ)), and p = x/e.
             let tone = MU / ((1.0 + MU * x(y) / exposure) * MU.ln_1p());
-            tone / exposure * (x(above) - x(below)) / (above - below)
+            let a = (tone / exposure * slope(y, x)) as f32;
+            if y >= SATURATED || a <= 0.0 { [0.0; 2] } else { [w / a, w / (a * a)] }
         };
-        (0..LEVELS)
-            .map(|i| {
-                let saturated = i as f64 * step >= crate::network::SATURATED;
-                let (a, w) = (slope(i) as f32, self.weight[i]);
-                if saturated || a <= 0.0 { [0.0; 2] } else { [w / a, w / (a * a)] }
-            })
-            .collect()
+        (0..LEVELS).map(value).zip(&self.weight).map(of).collect()
     }
 
     /// Cells that have changed in the frames `around`, which the results of the frames `slab` depend on.
@@ -215,31 +161,31 @@ impl<'a> Memory<'a> {
         allowed: f32,
     ) -> Vec<bool> {
         let (rows, cols) = (self.cells.rows(), self.cells.cols());
-        // Blocks of up to a slab's frames, cut where slabs begin.
-        let mut blocks = Vec::new();
+        // Spans of up to a slab's frames, cut where slabs begin.
+        let mut spans = Vec::new();
         let mut begin = around.start;
         while begin < around.end {
             let len = self.cells.size[0] as i64;
             let end = (begin + len - (begin - slab.start).rem_euclid(len)).min(around.end);
-            blocks.push(begin..end);
+            spans.push(begin..end);
             begin = end;
         }
         // Where the slab itself has changed all along a row, as in a scene that moves everywhere, the others say no more.
-        blocks.sort_by_key(|block| block.start != slab.start);
-        // Sums of every block and cell, [rows, blocks, columns].
-        let mut sums = vec![Sums::default(); rows * blocks.len() * cols];
-        sums.par_chunks_mut(blocks.len() * cols).enumerate().for_each(|(r, sums)| {
-            for (block, sums) in blocks.iter().zip(sums.chunks_mut(cols)) {
-                self.sums(seen, r, block.clone(), sums);
+        spans.sort_by_key(|span| span.start != slab.start);
+        // Sums of every span and cell, [rows, spans, columns].
+        let mut sums = vec![Sums::default(); rows * spans.len() * cols];
+        sums.par_chunks_mut(spans.len() * cols).enumerate().for_each(|(r, sums)| {
+            for (span, sums) in spans.iter().zip(sums.chunks_mut(cols)) {
+                self.sums(seen, r, span.clone(), sums);
                 if sums.iter().all(|sums| sums.changed(allowed)) {
                     break;
                 }
             }
         });
-        let of = |r: usize, block: usize, c: usize| sums[(r * blocks.len() + block) * cols + c];
+        let of = |r: usize, span: usize, c: usize| sums[(r * spans.len() + span) * cols + c];
         let mut changed = vec![false; rows * cols];
         for (cell, changed) in changed.iter_mut().enumerate() {
-            *changed = (0..blocks.len()).any(|block| of(cell / cols, block, cell % cols).changed(allowed));
+            *changed = (0..spans.len()).any(|span| of(cell / cols, span, cell % cols).changed(allowed));
         }
         // What moves little but everywhere shows in the mean of many cells first. What moves much is no part of it.
         let apart = self.cells.dilate(&changed, [1, 1]);
@@ -247,8 +193,8 @@ impl<'a> Memory<'a> {
             let columns = c..(c + GROUP).min(cols);
             let group = (r..(r + GROUP).min(rows)).flat_map(|r| columns.clone().map(move |c| (r, c)));
             let group: Vec<_> = group.filter(|(r, c)| !apart[r * cols + c]).collect();
-            let sums = |block| group.iter().map(|&(r, c)| of(r, block, c)).fold(Sums::default(), Sums::and);
-            if (0..blocks.len()).any(|block| sums(block).drifted(allowed)) {
+            let sums = |span| group.iter().map(|&(r, c)| of(r, span, c)).fold(Sums::default(), Sums::and);
+            if (0..spans.len()).any(|span| sums(span).drifted(allowed)) {
                 for (r, c) in group {
                     changed[r * cols + c] = true;
                 }
@@ -274,7 +220,7 @@ impl<'a> Memory<'a> {
             for (y, now) in frame[r * cell_rows * width..].chunks(width).take(cell_rows).enumerate() {
                 let begin = (place * cell_rows + y) * width;
                 let [values, weights, drifts] =
-                    [&self.values, &self.weights, &self.drifts].map(|memory| &memory[begin..][..width]);
+                    [&self.values, &self.weights, &self.drifts].map(|own| &own[begin..][..width]);
                 for x in 0..width {
                     let d = now[x] - values[x];
                     let square = weights[x] * d * d;
@@ -292,8 +238,8 @@ impl<'a> Memory<'a> {
         }
     }
 
-    /// Remembers the frames `slab` for the cells that are `active`, as what they are computed from.
-    pub fn remember(&mut self, seen: &Seen<'_>, slab: &Range<i64>, active: &[bool]) {
+    /// Takes the frames `slab` as what the cells that are `active` are computed from.
+    pub fn update(&mut self, seen: &Seen<'_>, slab: &Range<i64>, active: &[bool]) {
         if self.scatter.is_none() {
             return;
         }
@@ -319,7 +265,7 @@ impl<'a> Memory<'a> {
                     let here = begin + columns.start..begin + columns.end;
                     values[here.clone()].copy_from_slice(now);
                     // Cells begin where the pattern's tile does.
-                    let begins = readouts.row(t, r * cell_rows + y).iter().cycle();
+                    let begins = readouts.beginning_in_row(t, r * cell_rows + y).iter().cycle();
                     let own = weights[here.clone()].iter_mut().zip(&mut drifts[here]);
                     for ((now, begins), (own_weight, own_drift)) in now.iter().zip(begins).zip(own) {
                         (*own_weight, *own_drift) = (0.0, 0.0);

@@ -1,13 +1,12 @@
 //! Which cells have to be computed, and which may keep their last result.
 //!
-//! A cell is a block of a few frames, rows and columns; a slab is all cells of the same frames. The gate looks at raw
-//! pixel values alone, in all that a cell's result depends on: its surroundings, and the frames before and behind.
+//! The gate looks at raw pixel values alone, in all that a cell's result depends on: its surroundings, and the frames before and behind.
 //!
 //! **Exact.** A cell keeps the result of the slab before (at the same phase of the pattern) if everything that it
 //! depends on is bit-identical there. Then its result would be, too.
 //!
 //! **Bounded.** A cell keeps its last result if what it depends on differs from what that was computed from by no more
-//! than noise explains or the user allows ([`super::memory`]). Every [`RENEWAL`] frames everything is computed anew,
+//! than noise explains or the user allows ([`super::reference`]). Every [`RENEWAL`] frames everything is computed anew,
 //! so that a run can begin there as well as at the first frame; how far results had moved away is reported. Behind a
 //! window in which everything had to be computed, the next one is, too, without a question.
 
@@ -15,69 +14,58 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::Skip;
-use super::cover::Active;
-use super::footage::{Frame, Seen};
-use super::memory::Memory;
+use super::cells::{Active, Cells};
 use super::noise::Scatter;
-use super::report::Skipped;
+use super::reference::Reference;
+use super::tally::Skipped;
 use crate::network::Window;
 use crate::sensor::{Calibration, Recording};
+use crate::synth::footage::{Frame, Seen};
 
 /// Part of the allowed error that the pixel values may change by; the rest is for what nets make more of it.
 const INPUT_SHARE: f64 = 0.75;
 
+/// Cells [rows, columns] around one that has changed whose results change noticeably, which was measured
+/// (docs/skipping.md).
+const SPREAD: [usize; 2] = [2, 3];
+
 /// Frames after which a run with bounded skipping computes everything again, however little changes.
 const RENEWAL: usize = 2048;
 
-/// The grid of cells of one window.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Cells {
-    /// Frames, rows and columns of a cell.
-    pub size: [usize; 3],
-    /// Slabs of a window.
-    pub slabs: usize,
-    /// Rows of pixels, padded to the grid.
-    pub height: usize,
-    /// Columns of pixels, padded to the grid.
-    pub width: usize,
-    /// Frames after which pattern and slabs repeat together: a result can only be kept from that many frames before.
-    pub repeat: usize,
+/// What may be left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Skip {
+    /// Nothing.
+    #[default]
+    Off,
+    /// What gives the same bits.
+    Exact,
+    /// What differs by no more than noise explains, or by no more than this in l.
+    Bounded(f64),
 }
 
-impl Cells {
-    /// Rows of cells.
-    pub fn rows(&self) -> usize {
-        self.height.div_ceil(self.size[1])
-    }
+impl Skip {
+    /// Error that is allowed where the user says nothing: 1.7% of the irradiance. It costs less than 0.1 dB of PSNR-µ
+    /// at the quality that the nets reach (docs/skipping.md).
+    pub const ALLOWED_ERROR: f64 = 0.002;
 
-    /// Columns of cells.
-    pub fn cols(&self) -> usize {
-        self.width.div_ceil(self.size[2])
-    }
-
-    /// Slabs, rows, columns.
-    pub fn extent(&self) -> [usize; 3] {
-        [self.slabs, self.rows(), self.cols()]
-    }
-
-    /// Marks all cells of a slab within `spread` [rows, columns] of a marked one.
-    pub(super) fn dilate(&self, marked: &[bool], spread: [usize; 2]) -> Vec<bool> {
-        let (rows, cols) = (self.rows(), self.cols());
-        let mut wide = vec![false; marked.len()];
-        for (i, _) in marked.iter().enumerate().filter(|(_, marked)| **marked) {
-            let (r, c) = (i / cols, i % cols);
-            let columns = c.saturating_sub(spread[1])..(c + spread[1] + 1).min(cols);
-            for r in r.saturating_sub(spread[0])..(r + spread[0] + 1).min(rows) {
-                wide[r * cols + columns.start..r * cols + columns.end].fill(true);
-            }
+    /// `off`, `exact` or `bounded`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Exact => "exact",
+            Self::Bounded(_) => "bounded",
         }
-        wide
     }
 
-    /// Frames of a window's results.
-    pub fn hop(&self) -> usize {
-        self.slabs * self.size[0]
+    /// Cells [rows, columns] around one that has changed that are computed with it, where results depend on pixels within
+    /// `halo` [rows, columns].
+    pub fn spread(self, cells: &Cells, halo: [usize; 2]) -> [usize; 2] {
+        let spread = [0, 1].map(|axis| halo[axis].div_ceil(cells.size[axis + 1]));
+        match self {
+            Self::Bounded(_) => [0, 1].map(|axis| spread[axis].min(SPREAD[axis])),
+            _ => spread,
+        }
     }
 }
 
@@ -93,7 +81,7 @@ pub struct Gate<'a> {
     /// Frames ahead that results depend on noticeably: those whose measurements they are made of, not those that only
     /// tell which to believe. All frames behind count: a result that is kept for long must not remember what has passed.
     noticed: usize,
-    memory: Memory<'a>,
+    reference: Reference<'a>,
     recording: &'a Recording,
     /// The first window of the run.
     from: i64,
@@ -118,7 +106,7 @@ impl<'a> Gate<'a> {
         (recording, calibration): (&'a Recording, &'a Calibration),
         number: usize,
     ) -> Self {
-        let memory = Memory::new(cells, calibration, recording, matches!(skip, Skip::Bounded(_)));
+        let reference = Reference::new(cells, calibration, recording, matches!(skip, Skip::Bounded(_)));
         let stated = Scatter::stated(recording);
         let noticed = calibration.period;
         let mut gate = Self {
@@ -128,7 +116,7 @@ impl<'a> Gate<'a> {
             spread,
             stated,
             noticed,
-            memory,
+            reference,
             recording,
             from: 0,
             moves_everywhere: false,
@@ -192,54 +180,62 @@ impl<'a> Gate<'a> {
     /// Decides about window `k`, of whose frames those at schedule times `recorded` were recorded.
     pub fn choose(&mut self, k: i64, seen: &Seen<'_>, recorded: &Range<i64>) -> Choice {
         let first = k < self.from + self.turns();
-        let whole = || Some(Active::filled(self.cells.extent(), true));
         match self.skip {
             Skip::Off => Choice { active: None, audit: None },
-            Skip::Exact if first => Choice { active: whole(), audit: None },
+            Skip::Exact if first => self.whole(None),
             Skip::Exact => {
-                let mut active = Active::filled(self.cells.extent(), false);
-                for s in 0..self.cells.slabs {
-                    let changed = changed_at_all(seen, self.cells, self.around(k, s), self.spread);
-                    active.slab_mut(s).copy_from_slice(&changed);
-                }
-                Choice { active: Some(active), audit: None }
+                self.part(|gate, s| changed_at_all(seen, gate.cells, gate.around(k, s), gate.spread))
             }
             Skip::Bounded(allowed) => {
                 let renewed = first || k.rem_euclid(self.renewal()) < self.turns();
                 let moved_everywhere = std::mem::take(&mut self.moves_everywhere);
-                if !renewed && self.memory.knows_noise() {
-                    if moved_everywhere {
-                        self.remember_whole(k, seen);
-                        return Choice { active: whole(), audit: None };
-                    }
-                    let mut active = Active::filled(self.cells.extent(), false);
-                    for s in 0..self.cells.slabs {
-                        let changed = self.changed(k, s, seen, allowed);
-                        self.memory.remember(seen, &self.slab(k, s), &changed);
-                        active.slab_mut(s).copy_from_slice(&changed);
-                    }
-                    self.moves_everywhere = active.count() == active.cells.len();
-                    return Choice { active: Some(active), audit: None };
+                if renewed || !self.reference.knows_noise() {
+                    let audit = (!first && self.reference.knows_noise())
+                        .then(|| self.changed(k, 0, seen, allowed).iter().map(|changed| !changed).collect());
+                    let scatter = self.stated.clone().or_else(|| {
+                        let pairs = self.pairs(seen, recorded);
+                        Scatter::estimated(&pairs, self.cells, self.reference.readouts(), self.recording)
+                    });
+                    self.reference.set_scatter(scatter);
+                    self.update_whole(k, seen);
+                    return self.whole(audit);
                 }
-                let audit = (!first && self.memory.knows_noise())
-                    .then(|| self.changed(k, 0, seen, allowed).iter().map(|changed| !changed).collect());
-                let scatter = self.stated.clone().or_else(|| {
-                    let pairs = self.pairs(seen, recorded);
-                    Scatter::estimated(&pairs, self.cells, self.memory.readouts(), self.recording)
+                if moved_everywhere {
+                    self.update_whole(k, seen);
+                    return self.whole(None);
+                }
+                let choice = self.part(|gate, s| {
+                    let changed = gate.changed(k, s, seen, allowed);
+                    gate.reference.update(seen, &gate.slab(k, s), &changed);
+                    changed
                 });
-                self.memory.set_scatter(scatter);
-                self.remember_whole(k, seen);
-                Choice { active: whole(), audit }
+                self.moves_everywhere = choice.active.as_ref().is_some_and(Active::all);
+                choice
             }
         }
     }
 
-    /// Remembers window `k`, all of which is computed: its last slabs, which everything behind is compared with.
-    fn remember_whole(&mut self, k: i64, seen: &Seen<'_>) {
+    /// All cells of a window.
+    fn whole(&self, audit: Option<Vec<bool>>) -> Choice {
+        Choice { active: Some(Active::filled(self.cells.extent(), true)), audit }
+    }
+
+    /// Of each slab of a window, those cells that have `changed`.
+    fn part(&mut self, mut changed: impl FnMut(&mut Self, usize) -> Vec<bool>) -> Choice {
+        let mut active = Active::filled(self.cells.extent(), false);
+        for s in 0..self.cells.slabs {
+            active.slab_mut(s).copy_from_slice(&changed(self, s));
+        }
+        Choice { active: Some(active), audit: None }
+    }
+
+    /// Takes window `k`, all of which is computed, as the reference: its last slabs, which everything behind is compared
+    /// with.
+    fn update_whole(&mut self, k: i64, seen: &Seen<'_>) {
         let all = vec![true; self.cells.rows() * self.cells.cols()];
         let last = self.cells.repeat / self.cells.size[0];
         for s in self.cells.slabs.saturating_sub(last)..self.cells.slabs {
-            self.memory.remember(seen, &self.slab(k, s), &all);
+            self.reference.update(seen, &self.slab(k, s), &all);
         }
     }
 
@@ -256,7 +252,7 @@ impl<'a> Gate<'a> {
     /// Cells of slab `s` of window `k` that have changed since they were last computed.
     fn changed(&self, k: i64, s: usize, seen: &Seen<'_>, allowed: f64) -> Vec<bool> {
         let allowed = (allowed * INPUT_SHARE) as f32;
-        let changed = self.memory.changed(seen, &self.slab(k, s), &self.around(k, s), allowed);
+        let changed = self.reference.changed(seen, &self.slab(k, s), &self.around(k, s), allowed);
         self.cells.dilate(&changed, self.spread)
     }
 
