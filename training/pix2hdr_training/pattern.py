@@ -1,19 +1,16 @@
-"""The exposure tables of the built-in MPVE patterns.
+"""Exposure tables of patterns.
 
-Training takes the table from `dataset.json`, which the simulator wrote; this module serves what has no data set
-(golden files, tests).
+Training takes a table from `dataset.json`, which the simulator wrote; what has no data set (golden files, tests) takes those
+of the built-in patterns from `weights-format/golden-layouts`, which the simulator's code wrote too.
 """
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-# The four kinds of pixel, (exposure, phase), in the order of row 0; row 1 is the same rotated by two cells.
-_KINDS = {
-    "mpve-1-4": ((2, 1), (4, 2), (8, 0), (8, 4)),
-    "mpve-1-8": ((2, 1), (4, 2), (8, 4), (16, 8)),
-    "mpve-1-16": ((2, 1), (4, 2), (8, 4), (32, 16)),
-}
+BUILT_IN = Path(__file__).resolve().parents[2] / "weights-format" / "golden-layouts" / "patterns.json"
 
 
 @dataclass(frozen=True)
@@ -21,6 +18,12 @@ class ExposureTable:
     """Exposure, in frames, of the read-out that covers frame t at pixel (y, x); periodic in all three axes."""
 
     exposures: np.ndarray  # [period, rows, cols], float64
+
+    @classmethod
+    def of(cls, description: dict) -> "ExposureTable":
+        """The table of a description with `period`, `rows`, `cols` and `exposures`, row by row."""
+        shape = (description["period"], description["rows"], description["cols"])
+        return cls(np.asarray(description["exposures"], np.float64).reshape(shape))
 
     @property
     def period(self) -> int:
@@ -46,10 +49,8 @@ class ExposureTable:
 
 
 def exposure_table(name: str) -> ExposureTable:
-    """The table of a built-in pattern; every pixel of these keeps its exposure for good."""
-    if name not in _KINDS:
-        raise ValueError(f"pattern {name!r} is not built in here (known: {', '.join(_KINDS)})")
-    kinds = _KINDS[name]
-    rows = np.array([[e for e, _ in kinds], [e for e, _ in kinds[2:] + kinds[:2]]], dtype=np.float64)
-    period = max(e for e, _ in kinds)
-    return ExposureTable(np.repeat(rows[None], period, axis=0))
+    """The table of a built-in pattern."""
+    known = json.loads(BUILT_IN.read_text())
+    if name not in known:
+        raise ValueError(f"pattern {name!r} is not built in (known: {', '.join(known)})")
+    return ExposureTable.of(known[name])
