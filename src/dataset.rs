@@ -34,6 +34,12 @@ pub struct Request {
     pub cubes: usize,
     /// Extents of a cube: frames, rows, columns.
     pub extent: [usize; 3],
+    /// Least and largest full well of a camera in electrons; each is drawn evenly in its logarithm.
+    pub full_well_e: [f32; 2],
+    /// The same of the read noise in electrons rms.
+    pub read_noise_e: [f32; 2],
+    /// Count at y = 0 of every camera; above 0, counts keep noise below black.
+    pub black_level: u16,
     /// Schedule time of each cube's first frame.
     pub schedule_start: i64,
     /// Seed of everything.
@@ -130,7 +136,7 @@ fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serd
     let sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
     let calibration = Calibration::new(sampler.pattern(), sampler.response());
     let [frames, height, width] = request.extent;
-    Ok(serde_json::json!({
+    let mut index = serde_json::json!({
         "format": "pix2hdr-dataset/1",
         "pattern": request.pattern.name(),
         "response": request.form,
@@ -150,7 +156,11 @@ fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serd
         "seed": request.seed,
         "scenes": source.names(),
         "shards": shards,
-    }))
+    });
+    if request.black_level > 0 {
+        index["black_level"] = request.black_level.into();
+    }
+    Ok(index)
 }
 
 impl Source {
@@ -247,9 +257,11 @@ fn cube(request: &Request, source: &Source, index: usize) -> Result<Cube> {
     // The user's exposure is not always set to the anchor: darker, or with more in saturation.
     let exposure_gain = if draw.chance(0.5) { 1.0 } else { draw.log_within(0.2, 2.0) };
     truth.data.iter_mut().for_each(|p| *p = (*p * exposure_gain).min(1.0));
+    let ([least_well, most_well], [least_noise, most_noise]) = (request.full_well_e, request.read_noise_e);
     let noise = Noise {
-        full_well_e: f64::from(draw.log_within(300.0, 18_000.0)),
-        read_noise_e: f64::from(draw.log_within(1.0, 8.0)),
+        full_well_e: f64::from(draw.log_within(least_well, most_well)),
+        // In octaves, which for 1 to 8 e⁻ gives the bits that cubes have always had.
+        read_noise_e: f64::from(least_noise * ((most_noise / least_noise).log2() * draw.unit()).exp2()),
     };
     // Most recordings are calibrated well; the others are off in black level and gain, as lossy or drifting ones are.
     let (black_error, gain_error) = if draw.chance(0.75) {
@@ -261,7 +273,8 @@ fn cube(request: &Request, source: &Source, index: usize) -> Result<Cube> {
     };
     let mut sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
     (sampler.noise, sampler.seed, sampler.schedule_start) = (noise, seed, request.schedule_start);
-    (sampler.black_error, sampler.gain_error) = (black_error, gain_error);
+    (sampler.black_level, sampler.black_error, sampler.gain_error) =
+        (request.black_level, black_error, gain_error);
     let Counts::U16(counts) = sampler.sample(&truth)?.counts else {
         unreachable!("the sampler writes 16 bits")
     };
@@ -312,5 +325,46 @@ mod tests {
         assert!((1..5).all(|t| video.frame(t) == video.frame(0)) && kind == "video");
         assert!(source.check([5, 7, 4]).unwrap_err().to_string().contains("clip"));
         assert!(Source::read_videos(&folder.path().join("clip")).is_err());
+    }
+
+    /// A request for one small cube of a video from cameras with these full wells.
+    fn request(full_well_e: [f32; 2], black_level: u16) -> Request {
+        Request {
+            pattern: Pattern::built_in("mpve-1-4").unwrap(),
+            form: Form::Linear,
+            cubes: 1,
+            extent: [5, 4, 4],
+            full_well_e,
+            read_noise_e: [2.0, 3.0],
+            black_level,
+            schedule_start: 4,
+            seed: 7,
+        }
+    }
+
+    #[test]
+    fn cameras_lie_in_their_ranges_and_see_the_same_scenes() {
+        let folder = folder_of_videos(3);
+        let source = Source::read_videos(folder.path()).unwrap();
+        let of = |full_well_e, index| cube(&request(full_well_e, 64), &source, index).unwrap();
+        let mut below = 0;
+        for index in 0..40 {
+            let (many, one) = (of([100.0, 20_000.0], index), of([200.0, 200.0], index));
+            assert!((100.0..=20_000.0).contains(&many.info.full_well_e), "{}", many.info.full_well_e);
+            assert!((2.0..=3.0).contains(&many.info.read_noise_e), "{}", many.info.read_noise_e);
+            assert_eq!(one.info.full_well_e, 200.0);
+            assert_eq!(many.truth.data, one.truth.data);
+            below += usize::from(many.info.full_well_e < 1414.0);
+        }
+        assert!((12..=28).contains(&below), "evenly in the logarithm, {below} of 40 are below the middle");
+    }
+
+    #[test]
+    fn the_index_tells_a_pedestal() {
+        let folder = folder_of_videos(3);
+        let source = Source::read_videos(folder.path()).unwrap();
+        let index = |black_level| index_of(&request([300.0, 300.0], black_level), &source, &[]).unwrap();
+        assert_eq!(index(64)["black_level"], 64);
+        assert_eq!(index(0).get("black_level"), None);
     }
 }

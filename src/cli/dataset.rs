@@ -40,6 +40,15 @@ pub struct Dataset {
     /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
     #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
     response: ResponseOption,
+    /// Electrons at y = 1: each cube's camera has another full well in this range, evenly drawn in its logarithm
+    #[arg(long, default_value = "300..18000", value_parser = positive_range, value_name = "LOW..HIGH")]
+    full_well: [f32; 2],
+    /// Read noise in electrons rms, in the same way
+    #[arg(long, default_value = "1..8", value_parser = positive_range, value_name = "LOW..HIGH")]
+    read_noise: [f32; 2],
+    /// Count of 1023 at which black lies. Above 0, counts keep noise below black
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(..1023), value_name = "COUNT")]
+    pedestal: u16,
     /// Schedule time of each cube's first frame; windows must fit behind it
     #[arg(long, default_value_t = 4, allow_hyphen_values = true, value_name = "FRAME")]
     schedule_start: i64,
@@ -51,6 +60,15 @@ pub struct Dataset {
     json: bool,
 }
 
+/// Parses two positive numbers, `LOW..HIGH`.
+fn positive_range(text: &str) -> std::result::Result<[f32; 2], String> {
+    let numbers = text.split_once("..").and_then(|(low, high)| Some([low.parse().ok()?, high.parse().ok()?]));
+    match numbers {
+        Some([low, high]) if 0.0 < low && low <= high && high < f32::INFINITY => Ok([low, high]),
+        _ => Err("expected two positive numbers, LOW..HIGH".into()),
+    }
+}
+
 impl Dataset {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
@@ -59,6 +77,9 @@ impl Dataset {
             form: self.response.form()?,
             cubes: self.cubes,
             extent: [self.frames, self.size, self.size],
+            full_well_e: self.full_well,
+            read_noise_e: self.read_noise,
+            black_level: self.pedestal,
             schedule_start: self.schedule_start,
             seed: self.seed,
         };

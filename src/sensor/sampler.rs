@@ -41,6 +41,8 @@ pub struct Sampler {
     pub noise: Noise,
     /// Bits per pixel value, 1 to 16.
     pub bit_depth: u32,
+    /// Count at y = 0, the pedestal that the converter adds. At 0 it cuts noise off at black; above, counts keep it.
+    pub black_level: u16,
     /// What each frame of the capture holds.
     pub timing: Timing,
     /// Schedule time of the first frame.
@@ -62,6 +64,7 @@ impl Sampler {
             response,
             noise: Noise::default(),
             bit_depth: 10,
+            black_level: 0,
             timing: Timing::Covering,
             schedule_start: 0,
             seed: 0,
@@ -119,8 +122,12 @@ impl Sampler {
         } else {
             x
         };
-        let y = self.response.value(x) * (1.0 + self.gain_error) + self.black_error;
-        (y.clamp(0.0, 1.0) * f64::from(self.white())).round() as u16
+        // Below black, a pedestal shows the response's odd continuation.
+        let below_black = x < 0.0 && self.black_level > 0;
+        let value = if below_black { -self.response.value(-x) } else { self.response.value(x) };
+        let y = value * (1.0 + self.gain_error) + self.black_error;
+        let (black, white) = (f64::from(self.black_level), f64::from(self.white()));
+        (black + y * (white - black)).clamp(0.0, white).round() as u16
     }
 
     /// Samples a video of irradiance p. Every read-out has one noise draw, from a random stream of its own row
@@ -128,6 +135,9 @@ impl Sampler {
     pub fn sample(&self, video: &Video) -> Result<Capture> {
         if !(1..=16).contains(&self.bit_depth) {
             return Err(SensorError::Capture(format!("a bit depth of {}", self.bit_depth)).into());
+        }
+        if self.black_level >= self.white() {
+            return Err(SensorError::Capture(format!("a black level of {}", self.black_level)).into());
         }
         if video.data.is_empty() {
             return Err(SensorError::Capture("the video has no pixels".into()).into());
@@ -145,7 +155,7 @@ impl Sampler {
             timing: self.timing,
             schedule_start: self.schedule_start,
             bit_depth: self.bit_depth,
-            black_level: 0.0,
+            black_level: f64::from(self.black_level),
             white_level: f64::from(self.white()),
             frame_period_ms: 1.0,
             response: ResponseSource::Form(self.response.form().clone()),
@@ -280,5 +290,38 @@ mod tests {
             pool.install(|| sampler.sample(&flat(16, 0.3)).unwrap().measurement())
         };
         assert_eq!(run(1), run(3));
+    }
+
+    /// In the dark, counts scatter around a pedestal; without one, what lies below black is cut off.
+    #[test]
+    fn a_pedestal_keeps_noise_below_black() {
+        let statistics = |black_level: u16, form: Form| {
+            let mut sampler = camera(form);
+            sampler.noise = Noise { full_well_e: 200.0, read_noise_e: 2.67 };
+            sampler.black_level = black_level;
+            let capture = sampler.sample(&flat(16, 0.0)).unwrap();
+            assert_eq!(capture.info.black_level, f64::from(black_level));
+            let Counts::U16(counts) = capture.counts else { unreachable!() };
+            let n = counts.len() as f64;
+            let mean = counts.iter().map(|&c| f64::from(c)).sum::<f64>() / n;
+            let variance = counts.iter().map(|&c| (f64::from(c) - mean).powi(2)).sum::<f64>() / n;
+            [mean, variance.sqrt()]
+        };
+        let deviation = 2.67 / 200.0 * (1023.0 - 48.0);
+        let [mean, spread] = statistics(48, Form::Linear);
+        assert!((mean - 48.0).abs() < 0.5 && (spread / deviation - 1.0).abs() < 0.05, "{mean} ± {spread}");
+        let [mean, spread] = statistics(0, Form::Linear);
+        let deviation = 2.67 / 200.0 * 1023.0;
+        // Half of a normal distribution, the other half at 0.
+        assert!((mean / deviation - 0.399).abs() < 0.03 && spread < 0.65 * deviation, "{mean} ± {spread}");
+        let [mean, spread] = statistics(400, Form::Gamma(2.2));
+        assert!((mean - 400.0).abs() < 4.0 && spread > 50.0, "{mean} ± {spread}");
+    }
+
+    #[test]
+    fn black_lies_below_white() {
+        let mut sampler = camera(Form::Linear);
+        sampler.black_level = 1023;
+        assert!(sampler.sample(&flat(1, 0.5)).unwrap_err().to_string().contains("1023"));
     }
 }

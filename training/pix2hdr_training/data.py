@@ -36,19 +36,20 @@ class Batch:
 
 
 @dataclass(frozen=True)
-class View:
-    """A view in which the camera's pattern looks the same: t, y and x run forwards from `shift` or backwards from `shift` − 1."""
+class Pose:
+    """A recording seen so that the camera's pattern looks the same: t, y and x run forwards from `shift` or backwards from
+    `shift` − 1."""
 
     backwards: tuple[bool, bool, bool] = (False, False, False)
     shift: tuple[int, int, int] = (0, 0, 0)
 
     def keeps_time(self, schedule: int, frames: int, period: int) -> bool:
-        """Whether a window of `frames` from a schedule time on lies in the view where it lies in the recording."""
+        """Whether a window of `frames` from a schedule time on lies in the pose where it lies in the recording."""
         first = self.shift[0] - schedule - frames if self.backwards[0] else schedule - self.shift[0]
         return (first - schedule) % period == 0
 
     def turn(self, video: np.ndarray) -> np.ndarray:
-        """A video [t, y, x] with the axes backwards that are so in the view."""
+        """A video [t, y, x] with the axes backwards that are so in the pose."""
         return np.ascontiguousarray(video[tuple(slice(None, None, -1 if axis else 1) for axis in self.backwards)])
 
 
@@ -66,16 +67,16 @@ class Dataset:
         if meta.get("format") != FORMAT:
             raise DatasetError(f"{path}: format is {meta.get('format')!r}, not {FORMAT!r}")
         try:
-            shape = (meta["period"], meta["rows"], meta["cols"])
-            self.table = ExposureTable(np.asarray(meta["exposures"], np.float64).reshape(shape))
+            self.table = ExposureTable.of(meta)
             self.inverse = InverseResponse(meta["inverse_response"])
             self.frames, self.height, self.width = meta["frames"], meta["height"], meta["width"]
             self.schedule_start = meta["schedule_start"]
             self.white = float(2 ** meta["bit_depth"] - 1)
+            self.black = float(meta.get("black_level", 0))  # a pedestal, if there is one
             shards = meta["shards"]
             saturation = float(meta["saturation"])
-            # Views in which the pattern looks as before; data sets of older versions name none.
-            self.views = [View(**view) for view in meta.get("symmetries", [])] or [View()]
+            # Data sets of older versions name none.
+            self.poses = [Pose(**pose) for pose in meta.get("symmetries", [])] or [Pose()]
         except (KeyError, TypeError, ValueError) as error:
             raise DatasetError(f"{path}: {type(error).__name__}: {error}") from error
         if not np.isclose(saturation, self.inverse.saturation, rtol=1e-6):
@@ -127,7 +128,9 @@ class Dataset:
         truth, counts, _ = self.shards[shard]
         result = start + window["lead"]
         y, x = slice(y0, y0 + height), slice(x0, x0 + width)
-        measurement = np.asarray(counts[i, start : start + window["frames"], y, x], np.float32) / np.float32(self.white)
+        measurement = np.asarray(counts[i, start : start + window["frames"], y, x], np.float32) - np.float32(self.black)
+        # Nets see pixel values in [0, 1], as the synthesis gives them.
+        measurement = np.maximum(measurement / np.float32(self.white - self.black), 0.0)
         return measurement, np.asarray(truth[i, result : result + window["hop"], y, x], np.float32)
 
     def exposure(self, window: dict, start: int, height: int, width: int) -> np.ndarray:
@@ -187,7 +190,7 @@ def _recorded(rng, y: np.ndarray, measurement: np.ndarray) -> np.ndarray:
 class Crops:
     """Batch number `step` of a seed is always the same batch, so resuming needs nothing but the step.
 
-    Each is seen in one of the views in which the camera's pattern looks the same. A share `ends` of the crops lies at the
+    Each is seen in one of the poses in which the camera's pattern looks the same. A share `ends` of the crops lies at the
     beginning or end of a recording, a share `off` is `miscalibrated` (30% if not said otherwise) or, if `fixed_pattern`,
     `with_fixed_pattern` (half).
     """
@@ -223,25 +226,25 @@ class Crops:
         self.exposures = {s: dataset.exposure(self.window, s, crop, crop) for s in self.starts}
         still = all(np.array_equal(e, self.exposures[self.starts[0]]) for e in self.exposures.values())
         self.one_exposure = len(phases) == 1 or still
-        self.views = {s: self._views(dataset.schedule_start + s) for s in self.starts}
+        self.poses = {s: self._poses(dataset.schedule_start + s) for s in self.starts}
 
-    def _views(self, schedule: int) -> list[View]:
-        """The views that a window from a schedule time on can be shown in, and its result with it."""
+    def _poses(self, schedule: int) -> list[Pose]:
+        """The poses that a window from a schedule time on can be shown in, and its result with it."""
         frames, lead, hop = self.window["frames"], self.window["lead"], self.window["hop"]
         table = self.dataset.table
-        # A view begins up to a tile later.
+        # A pose begins up to a tile later.
         small = self.crop + max(table.tile) > min(self.dataset.height, self.dataset.width)
 
-        def fits(view: View) -> bool:
-            inside = not (small and any(view.shift[1:]))
-            result = not view.backwards[0] or frames - hop == 2 * lead
-            return inside and result and view.keeps_time(schedule, frames, table.period)
+        def fits(pose: Pose) -> bool:
+            inside = not (small and any(pose.shift[1:]))
+            result = not pose.backwards[0] or frames - hop == 2 * lead
+            return inside and result and pose.keeps_time(schedule, frames, table.period)
 
-        return [view for view in self.dataset.views if fits(view)]
+        return [pose for pose in self.dataset.poses if fits(pose)]
 
-    def _corner(self, rng, axis: int, size: int, step: int, view: View) -> int:
-        """Where a crop begins along y or x, so that the view of it begins where a tile does."""
-        shift = view.shift[axis] % self.dataset.table.tile[axis - 1]
+    def _corner(self, rng, axis: int, size: int, step: int, pose: Pose) -> int:
+        """Where a crop begins along y or x, so that the pose of it begins where a tile does."""
+        shift = pose.shift[axis] % self.dataset.table.tile[axis - 1]
         return step * int(rng.integers((size - self.crop - shift) // step + 1)) + shift
 
     def __call__(self, step: int) -> Batch:
@@ -251,10 +254,10 @@ class Crops:
         for _ in range(self.batch):
             cube = int(rng.integers(len(data)))
             start = self.starts[int(rng.integers(len(self.starts)))]
-            view = self.views[start][int(rng.integers(len(self.views[start])))]
-            y0 = self._corner(rng, 1, data.height, self.step_y, view)
-            x0 = self._corner(rng, 2, data.width, self.step_x, view)
-            measurement, truth = map(view.turn, data.read(cube, self.window, start, y0, x0, crop, crop))
+            pose = self.poses[start][int(rng.integers(len(self.poses[start])))]
+            y0 = self._corner(rng, 1, data.height, self.step_y, pose)
+            x0 = self._corner(rng, 2, data.width, self.step_x, pose)
+            measurement, truth = map(pose.turn, data.read(cube, self.window, start, y0, x0, crop, crop))
             if rng.random() < self.off:
                 exposure = self.exposures[start]
                 if self.fixed_pattern:
@@ -269,7 +272,6 @@ class Crops:
             torch.from_numpy(exposure),
             torch.from_numpy(np.stack([t for _, t in pairs])),
         )
-
 
     def _end(self, rng, measurement: np.ndarray) -> np.ndarray:
         """Now and then, frames before or behind the result count as not recorded."""

@@ -106,10 +106,13 @@ def trainable_state(path) -> tuple[dict[str, torch.Tensor], dict]:
     return net.state_dict(), json.loads(metadata.get("provenance", "{}"))
 
 
-def net_from_weights(path, inverse: InverseResponse) -> GraphNet:
-    """The net of a weights file, in eval mode; meant for running it, not for training on."""
+def net_from_weights(path, inverse: InverseResponse, window: dict | None = None) -> GraphNet:
+    """The net of a weights file, in eval mode; meant for running it, not for training on.
+
+    `window` stands in for the graph's, for nets whose lead is all that they reach in time.
+    """
     graph, tensors, _ = read_weights(path)
-    net = GraphNet(graph, inverse)
+    net = GraphNet({**graph, "window": window or graph["window"]}, inverse)
     _put(net, tensors)
     for layer in net.layers.values():
         if layer.norm is not None:

@@ -23,7 +23,7 @@ from .losses import SIMPLE, PaperLoss, Vgg
 from .objective import STAGES, Objective, inverse_node
 from .response import InverseResponse
 from .start import start_as_estimate
-from .validate import validate
+from .validate import check_pattern, check_windows, summary, validate
 from .widen import widened
 
 CHECKPOINT = "pix2hdr-checkpoint/1"
@@ -242,16 +242,13 @@ class Run:
 
     def _check_data(self) -> None:
         """ValueError where the graph, the data and the held-out cubes don't belong together."""
-        pattern, made_for = self.data.meta.get("pattern"), self.graph["pattern"]
-        if made_for not in ("any", pattern):
-            raise ValueError(f"{self.args.graph} is for pattern {made_for}, but {self.data.folder} has cubes of {pattern}")
+        check_pattern(self.graph, self.data)
         if self.val is None:
             return
         for key in ("pattern", "inverse_response"):
             if self.val.meta.get(key) != self.data.meta.get(key):
                 raise ValueError(f"{self.val.folder} has another {key} than {self.data.folder}")
-        if not self.val.window_starts(self.graph["window"]):
-            raise ValueError(f"{self.val.folder}: cubes of {self.val.frames} frames hold no window of {self.graph['window']}")
+        check_windows(self.graph, self.val)
 
     def _settings(self) -> dict:
         settings = {key: getattr(self.args, key) for key in SAME_ON_RESUME}
@@ -327,13 +324,7 @@ class Run:
         if self.val is None:
             return
         self.scores = validate(self.trainer.averaged, self.val, self.args.val_cubes)
-        kinds = ", ".join(f"{kind} {s['gain_db']:+.2f}" for kind, s in self.scores["kinds"].items())
-        s = self.scores
-        print(
-            f"validation: {s['psnr_mu']:.2f} dB PSNR-µ, box {s['box_psnr_mu']:.2f}, gain {s['gain_db']:+.3f} dB"
-            f" over {s['cubes']} cubes ({kinds})",
-            flush=True,
-        )
+        print(f"validation: {summary(self.scores)}", flush=True)
 
     def train(self) -> bool:
         """Trains to the end; False if it was interrupted (a checkpoint is written either way)."""

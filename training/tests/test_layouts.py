@@ -10,7 +10,7 @@ import pytest
 import torch
 from pix2hdr_training import graph as graph_module
 from pix2hdr_training import layout, presets, tone
-from pix2hdr_training.data import View
+from pix2hdr_training.data import Pose
 from pix2hdr_training.export import read_weights
 from pix2hdr_training.pattern import ExposureTable, exposure_table
 from pix2hdr_training.response import InverseResponse
@@ -62,16 +62,16 @@ def test_results_reach_as_far_in_time_as_rust_says(file):
 
 
 @pytest.mark.parametrize("name", golden("patterns"))
-def test_patterns_look_the_same_in_their_views(name):
+def test_patterns_look_the_same_in_their_poses(name):
     pattern = golden("patterns")[name]
     table = exposure_table(name)
     assert table.saturation == pattern["saturation"] == table.exposures.min()
-    views = [View(tuple(view["backwards"]), tuple(view["shift"])) for view in pattern["symmetries"]]
-    assert views[0] == View() and len(set(views)) == len(views)
-    for view in views:
+    poses = [Pose(tuple(pose["backwards"]), tuple(pose["shift"])) for pose in pattern["symmetries"]]
+    assert poses[0] == Pose() and len(set(poses)) == len(poses)
+    for pose in poses:
         places = [
             (shift - 1 - np.arange(size) if backwards else shift + np.arange(size)) % size
-            for backwards, shift, size in zip(view.backwards, view.shift, table.exposures.shape, strict=True)
+            for backwards, shift, size in zip(pose.backwards, pose.shift, table.exposures.shape, strict=True)
         ]
         assert np.array_equal(table.exposures[np.ix_(*places)], table.exposures)
 

@@ -17,9 +17,11 @@ from pix2hdr_training.objective import Objective, inverse_node
 from pix2hdr_training.start import start_as_estimate
 from pix2hdr_training.tone import inverse_tone, tone
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint
+from pix2hdr_training.validate import main as score
 from pix2hdr_training.validate import validate
 from pix2hdr_training.widen import widened
 from test_export import load_script
+from test_layouts import golden
 
 SMALL = {"fast": presets.kernel_net((8, 12), (1, 2), name="small", hop=8), "paper": presets.paper((4, 4, 8), 1, 4)}
 ON_TILES = presets.paper_on_tiles((8, 12), (1, 2), 8, name="on_tiles", hop=4, reach=2)
@@ -53,8 +55,8 @@ def test_crops_are_aligned_and_the_same_for_a_seed(data_folder):
         assert torch.all(a.measurement[:, frames][:, :, long] == a.measurement[:, frames][:, :1, long])
 
 
-def test_crops_show_the_pattern_in_all_its_views(tmp_path):
-    # Pixels say which cell they are and how far from the middle of a read-out; both are the same in every view.
+def test_crops_show_the_pattern_in_all_its_poses(tmp_path):
+    # Pixels say which cell they are and how far from the middle of a read-out; both are the same in every pose.
     kinds = ((2, 1), (4, 2), (8, 0), (8, 4))
     frames, size, start = 40, 32, 4
     t, y, x = np.meshgrid(start + np.arange(frames), np.arange(size), np.arange(size), indexing="ij")
@@ -62,18 +64,16 @@ def test_crops_show_the_pattern_in_all_its_views(tmp_path):
     exposure, phase = (np.asarray([kind[i] for kind in kinds])[cell] for i in (0, 1))
     inside = (t - phase) % exposure
     counts = 16 * cell + np.minimum(inside, exposure - 1 - inside)
-    folder = make_dataset(tmp_path / "views", cubes=2, frames=frames, size=size, start=start)
+    folder = make_dataset(tmp_path / "poses", cubes=2, frames=frames, size=size, start=start)
     for shard in range(2):
         np.save(folder / f"measurement-{shard:03}.npy", counts[None].astype(np.uint16))
         np.save(folder / f"truth-{shard:03}.npy", (counts[None] + 100 * (t - start) / frames).astype(np.float16))
     meta = json.loads((folder / "dataset.json").read_text())
-    # Of mpve-1-4: as it is, upside down, a row further down and two columns to the right; each backwards in time, too.
-    views = [((back, flip, False), (0, int(flip) ^ int(move), 2 * move)) for back in (False, True) for flip in (False, True) for move in (0, 1)]
-    meta["symmetries"] = [{"backwards": backwards, "shift": shift} for backwards, shift in views]
+    meta["symmetries"] = golden("patterns")["mpve-1-4"]["symmetries"]
     (folder / "dataset.json").write_text(json.dumps(meta))
     data = Dataset(folder)
     crops = Crops(data, SMALL["fast"], 8, 16, 3, ends=0.0, off=0.0)
-    assert all(len(views) == 8 for views in crops.views.values())
+    assert all(len(poses) == 8 for poses in crops.poses.values())
     rising = set()
     for step in range(4):
         batch = crops(step)
@@ -87,6 +87,23 @@ def test_crops_show_the_pattern_in_all_its_views(tmp_path):
             assert np.ptp(time[0]) < 0.5
             rising.add(bool(time[-1, 0, 0] > time[0, 0, 0]))
     assert rising == {True, False}
+
+
+def test_a_pedestal_is_taken_off(tmp_path):
+    window = SMALL["fast"]["window"]
+    plain = make_dataset(tmp_path / "pedestal", cubes=2, size=16)
+    before = Dataset(plain).read(0, window, 1, 0, 0, 16, 16)
+    meta = json.loads((plain / "dataset.json").read_text())
+    (plain / "dataset.json").write_text(json.dumps({**meta, "black_level": 48}))
+    for shard in range(2):
+        counts = np.load(plain / f"measurement-{shard:03}.npy")
+        raised = np.rint(48 + counts * (975 / 1023)).astype(np.uint16)
+        raised[:, :2] = 40  # noise below black
+        np.save(plain / f"measurement-{shard:03}.npy", raised)
+    measurement, truth = Dataset(plain).read(0, window, 1, 0, 0, 16, 16)
+    assert np.array_equal(truth, before[1]) and measurement.dtype == np.float32
+    assert np.all(measurement[0] == 0) and measurement.max() <= 1
+    np.testing.assert_allclose(measurement[1:], before[0][1:], rtol=0, atol=0.6 / 975)
 
 
 def test_ends_of_recordings_keep_the_phase():
@@ -206,6 +223,25 @@ def test_zero_tail_scores_like_the_box_filter(data_folder):
     scores = validate(net, data)
     assert scores["cubes"] == 4 and set(scores["kinds"]) == {"pan", "static"}
     assert abs(scores["gain_db"]) < 1e-3 and 5 < scores["box_psnr_mu"] < 60
+
+
+def test_a_weights_file_is_scored_on_data_sets(data_folder, tmp_path, capsys):
+    data = Dataset(data_folder)
+    net = GraphNet(SMALL["fast"], data.inverse)
+    path = tmp_path / "w.safetensors"
+    write_weights(path, net)
+    assert score([str(path), str(data_folder), "--json"]) == 0
+    (folder, scores), = json.loads(capsys.readouterr().out).items()
+    assert folder == str(data_folder) and scores == validate(net, data)
+    # Longer windows give the same where the lead is all that the net reaches.
+    assert score([str(path), str(data_folder), str(data_folder), "--cubes", "1", "--window", "38", "11", "16"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 and "over 1 cubes" in lines[0]
+    other = make_dataset(tmp_path / "other", cubes=2, pattern="mpve-1-8")
+    for arguments, why in (([str(other)], "for pattern mpve-1-4, but"), ([str(data_folder), "--window", "60", "11", "38"], "hold no window")):
+        assert score([str(path), *arguments]) == 1
+        error = capsys.readouterr().err
+        assert why in error and error.count("\n") == 1
 
 
 def test_learning_rate_rises_and_falls():
