@@ -132,6 +132,25 @@ mod tests {
     }
 
     #[test]
+    fn every_decision_is_listed() {
+        let folder = Path::new("docs/decisions");
+        let index = read(&folder.join("README.md"));
+        let listed: BTreeSet<&str> = links(&index).into_iter().collect();
+        let pages = tracked(root()).into_iter().filter(|path| path.parent() == Some(folder));
+        let names: Vec<String> =
+            pages.map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
+        let missing: Vec<_> =
+            names.iter().filter(|name| *name != "README.md" && !listed.contains(name.as_str())).collect();
+        assert!(missing.is_empty() && names.len() > 1, "{missing:?}: not in {}/README.md", folder.display());
+        for name in names.iter().filter(|name| *name != "README.md") {
+            let text = read(&folder.join(name));
+            for part in ["**Idea.**", "**Result.**", "**Cause.**", "**Again if**"] {
+                assert!(text.contains(part), "{name} lacks {part}");
+            }
+        }
+    }
+
+    #[test]
     fn what_is_missing_is_found() {
         let there = test_names(
             "#[test]\nfn there() {}\nfn helper() {}\n    #[test]\n    #[cfg(unix)]\n    fn also_there() {\n",
