@@ -10,6 +10,7 @@ pub mod cli;
 pub mod cpu;
 pub mod dataset;
 mod error;
+pub mod frame;
 pub mod gpu;
 mod math;
 pub mod network;

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use pix2hdr::video::{self, Video, Writing, npy};
+use pix2hdr::video::{self, Counts, Video, Writing, npy};
 use program::{fails, pix2hdr, succeeds};
 
 /// A folder with a small capture in it, and its path.
@@ -99,6 +99,76 @@ fn single_files_are_kept_too() {
     assert!(fs::read(&array).unwrap() != before);
 }
 
+/// By whatever name, a recording is never what is written, not even where files may be replaced.
+#[cfg(unix)]
+#[test]
+fn a_source_is_never_its_own_target() {
+    let (folder, array) = capture();
+    let path = |name: &str| folder.path().join(name);
+    let show = |name: &str| path(name).display().to_string();
+    let before = fs::read(&array).unwrap();
+    std::os::unix::fs::symlink(path("capture"), path("linked-folder")).unwrap();
+    fs::create_dir_all(path("linked-file")).unwrap();
+    std::os::unix::fs::symlink(&array, path("linked-file/capture.npy")).unwrap();
+    fs::create_dir_all(path("hard")).unwrap();
+    fs::hard_link(&array, path("hard/capture.npy")).unwrap();
+    fs::create_dir_all(path("described")).unwrap();
+    fs::hard_link(path("capture/capture.json"), path("described/capture.json")).unwrap();
+    let folders = ["capture", "capture/../capture", "linked-folder", "linked-file", "hard", "described"];
+    for out in folders {
+        fails(
+            &["import", &array, "--out", &show(out), "--overwrite"],
+            &["the capture itself"],
+            &path("none"),
+        );
+        assert!(fs::read(&array).unwrap() == before, "{out}");
+        assert!(fs::symlink_metadata(path("linked-file/capture.npy")).unwrap().is_symlink(), "{out}");
+    }
+    fails(
+        &["import", &show("linked-folder"), "--out", &show("hard"), "--overwrite"],
+        &["itself"],
+        &path("none"),
+    );
+    for out in ["linked-folder/capture.npy", "linked-file/capture.npy", "hard/capture.npy"] {
+        let synth = ["synth", &array, "--out", &show(out), "--executor", "cpu", "--overwrite"];
+        fails(&synth, &["the capture itself"], &path("none"));
+        assert!(fs::read(&array).unwrap() == before, "{out}");
+    }
+    // Another folder is not the recording's, even if it holds one.
+    succeeds(&["import", &array, "--out", &show("other")]);
+    succeeds(&["import", &array, "--out", &show("other"), "--overwrite"]);
+    assert!(fs::read(path("other/capture.npy")).unwrap() == before);
+}
+
+/// Importing takes some frames of memory, however many there are, and none is lost on the way.
+#[cfg(unix)]
+#[test]
+fn importing_takes_memory_for_some_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (frames, side) = (3000, 256);
+    // Nothing but a header is on the disk; what a file lacks is read as zeros.
+    npy::write_counts(path("raw.npy"), &[1, side, side], &Counts::U8(vec![0; side * side])).unwrap();
+    let mut bytes = fs::read(path("raw.npy")).unwrap();
+    bytes.truncate(bytes.len() - side * side);
+    let header = String::from_utf8_lossy(&bytes[10..])
+        .replace("(1, 256, 256), }   ", &format!("({frames}, 256, 256), }}"));
+    let bytes = [&bytes[..10], header.as_bytes()].concat();
+    fs::write(path("raw.npy"), &bytes).unwrap();
+    let file = fs::File::options().write(true).open(path("raw.npy")).unwrap();
+    file.set_len((bytes.len() + frames * side * side) as u64).unwrap();
+    for timing in ["covering", "hold"] {
+        let (raw, out) = (path("raw.npy"), path(timing));
+        let import = ["import", &raw, "--out", &out, "--pattern", "mpve-1-4", "--timing", timing];
+        // A quarter of what the recording takes.
+        let output = program::within_limits(&import, "ulimit -v 150000");
+        assert!(output.status.success(), "{timing}: {}", String::from_utf8_lossy(&output.stderr));
+        let written = folder.path().join(timing).join("capture.npy");
+        assert_eq!(fs::metadata(&written).unwrap().len(), (128 + frames * side * side) as u64);
+        fs::remove_file(written).unwrap();
+    }
+}
+
 /// What cannot work is said before a result begins, or the next run would find an interrupted one.
 #[test]
 fn a_start_that_fails_leaves_nothing_to_go_on_with() {
@@ -141,7 +211,7 @@ fn dead_pixels_and_missing_readouts_are_filled() {
     };
     let sound = synth(&array, "sound.npy", &[]);
     let (extents, counts) = npy::read_counts(&array).unwrap();
-    let npy::Counts::U16(mut counts) = counts else { panic!("the simulator writes 16 bits") };
+    let Counts::U16(mut counts) = counts else { panic!("the simulator writes 16 bits") };
     let len = 18 * 22;
     for (i, count) in counts.iter_mut().enumerate() {
         if [9 * 22 + 10, 9 * 22 + 14, 17 * 22 + 21].contains(&(i % len)) {
@@ -150,7 +220,7 @@ fn dead_pixels_and_missing_readouts_are_filled() {
             *count = 65535;
         }
     }
-    npy::write_counts(&array, &extents, &npy::Counts::U16(counts)).unwrap();
+    npy::write_counts(&array, &extents, &Counts::U16(counts)).unwrap();
     fs::write(folder.path().join("dead.csv"), "row,column\n9,10\n9,14\n17,21\n").unwrap();
     let named = ["--dead-pixels", &path("dead.csv"), "--missing-count", "65535"];
     let distance = |other: &Video| -> f32 {
@@ -297,7 +367,7 @@ fn an_interrupted_run_is_taken_up_again() {
     let frames = 2400;
     let counts = (0..frames * 16 * 24).map(|i| (i * 7919 / 13 % 1000) as u16).collect();
     fs::create_dir(folder.path().join("long")).unwrap();
-    npy::write_counts(folder.path().join("long/capture.npy"), &[frames, 16, 24], &npy::Counts::U16(counts))
+    npy::write_counts(folder.path().join("long/capture.npy"), &[frames, 16, 24], &Counts::U16(counts))
         .unwrap();
     fs::copy(folder.path().join("capture/capture.json"), folder.path().join("long/capture.json")).unwrap();
     let synth =

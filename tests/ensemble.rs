@@ -71,7 +71,7 @@ fn seen(capture: &Capture, view: Symmetry) -> Capture {
         capture.counts.value((t * height + y) * width + x)
     };
     let counts = (0..frames * height * width).map(pixel).collect();
-    Capture { counts: pix2hdr::video::npy::Counts::U16(counts), ..capture.clone() }
+    Capture { counts: pix2hdr::video::Counts::U16(counts), ..capture.clone() }
 }
 
 /// Differences of l between a recording's result and a view's, away from the borders: mean and largest.

@@ -12,9 +12,10 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use pix2hdr::Result;
+use pix2hdr::frame::Frame;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError};
 use pix2hdr::network::{Model, Precision, presets};
-use pix2hdr::sensor::{Capture, CaptureFile, Form, FrameSource, Noise, Pattern, Recording, Sampler};
+use pix2hdr::sensor::{Capture, CaptureFile, Form, Noise, Pattern, Recording, Sampler, Source};
 use pix2hdr::synth::{Backend, Options, Synthesizer};
 use pix2hdr::video::{self, Video};
 use program::{pix2hdr, weights, within_limits};
@@ -321,7 +322,7 @@ fn synthesizer(capture: &Capture, backend: &Backend) -> Synthesizer {
 /// All frames that are delivered from frame `from` on, in order, and how the run ended. `at` is called at each frame.
 fn stream(
     synthesizer: &mut Synthesizer,
-    source: &mut dyn FrameSource,
+    source: &mut dyn Source,
     from: usize,
     at: impl Fn(usize) + Send + Sync,
 ) -> (Vec<Vec<f32>>, Result<()>) {
@@ -330,7 +331,7 @@ fn stream(
         at(frame.number);
         let mut frames = frames.lock().unwrap();
         assert_eq!(frame.number, from + frames.len(), "frames come in order");
-        frames.push(frame.values);
+        frames.push(frame.frame.into_values());
         Ok(())
     });
     (frames.into_inner().unwrap(), outcome.map(drop))
@@ -382,17 +383,21 @@ fn the_input_is_truncated() {
 }
 
 /// A source with a fault in it.
-struct Faulty<'a>(Box<dyn FrameSource + 'a>, usize);
+struct Faulty<'a>(Box<dyn Source + 'a>, usize);
 
-impl FrameSource for Faulty<'_> {
+impl Source for Faulty<'_> {
     fn recording(&self) -> &Recording {
         self.0.recording()
     }
 
-    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
+    fn frames(&self) -> Option<usize> {
+        self.0.frames()
+    }
+
+    fn next(&mut self) -> Result<Option<Frame>> {
         self.1 -= 1;
         assert!(self.1 > 0, "on purpose");
-        self.0.next(values)
+        self.0.next()
     }
 }
 

@@ -88,7 +88,8 @@ fn exact_skipping_changes_no_bit() {
         let model = model(preset);
         let (off, _) = run(&model, &capture, Options { side, ..Options::default() });
         let (exact, report) = run(&model, &capture, Options { side, ..skip(Skip::Exact) });
-        let differing = off.iter().zip(&exact).find(|(off, exact)| off.values != exact.values);
+        let differing =
+            off.iter().zip(&exact).find(|(off, exact)| off.frame.values() != exact.frame.values());
         assert_eq!(differing.map(|(off, _)| off.number), None, "{preset}, {pattern}");
         assert_eq!(off.len(), exact.len());
         let active = report.skipping.unwrap().active_fraction();
@@ -104,7 +105,7 @@ fn nets_with_fixed_windows_skip_exactly_too() {
     let model = model("paper");
     let (off, _) = run(&model, &capture, Options::default());
     let (exact, report) = run(&model, &capture, skip(Skip::Exact));
-    assert!(off.iter().zip(&exact).all(|(off, exact)| off.values == exact.values));
+    assert!(off.iter().zip(&exact).all(|(off, exact)| off.frame.values() == exact.frame.values()));
     assert!(report.skipping.unwrap().active_fraction() < 0.5);
 }
 
@@ -119,7 +120,8 @@ fn a_scene_that_moves_is_computed() {
         let (video, report) = run(&model, &capture, skip(mode));
         assert!(report.skipping.unwrap().active_fraction() > 0.99, "{mode:?}");
         for (off, frame) in off.iter().zip(&video) {
-            let differing = off.values.iter().zip(&frame.values).filter(|(a, b)| a != b).count();
+            let differing =
+                off.frame.values().iter().zip(frame.frame.values()).filter(|(a, b)| a != b).count();
             assert_eq!(differing, 0, "frame {}, {mode:?}", off.number);
         }
     }
@@ -141,9 +143,9 @@ fn a_scene_that_stops_is_kept_again() {
     assert!(kept[..240].iter().all(|frame| share(frame) == 1.0));
     // It stopped in a window that was not asked about, and the next one knows what that one saw.
     assert!(kept[240..].iter().all(|frame| share(frame) == 0.0));
-    assert!(off[..240].iter().zip(&kept).all(|(off, kept)| off.values == kept.values));
+    assert!(off[..240].iter().zip(&kept).all(|(off, kept)| off.frame.values() == kept.frame.values()));
     let apart = |(a, b): (&f32, &f32)| (tone(f64::from(*a)) - tone(f64::from(*b))).abs();
-    let largest = off[479].values.iter().zip(&kept[479].values).map(apart).fold(0.0, f64::max);
+    let largest = off[479].frame.values().iter().zip(kept[479].frame.values()).map(apart).fold(0.0, f64::max);
     assert!(largest < 0.002, "{largest}");
 }
 
@@ -204,7 +206,7 @@ fn slow_drift_stays_within_the_allowed_error() {
             for cell in 0..24 / rows * (32 / cols) {
                 let (top, left) = (cell / (32 / cols) * rows, cell % (32 / cols) * cols);
                 let pixels = (0..rows * cols).map(|i| (top + i / cols) * 32 + left + i % cols);
-                let l = |frame: &ResultFrame, i: usize| tone(f64::from(frame.values[i]));
+                let l = |frame: &ResultFrame, i: usize| tone(f64::from(frame.frame.values()[i]));
                 let change: f64 = pixels.map(|i| l(kept, i) - l(off, i)).sum();
                 largest = largest.max((change / (rows * cols) as f64).abs());
             }

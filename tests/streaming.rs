@@ -3,8 +3,9 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use pix2hdr::frame::Frame;
 use pix2hdr::network::{Model, Precision, presets};
-use pix2hdr::sensor::{Capture, CaptureFile, Form, FrameSource, Pattern, Recording, Sampler, Timing};
+use pix2hdr::sensor::{Capture, CaptureFile, Form, Pattern, Recording, Sampler, Source, Timing};
 use pix2hdr::synth::{Backend, Options, Request, Skip, Synthesizer};
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
@@ -32,15 +33,11 @@ fn synthesizer(capture: &Capture, skip: Skip) -> Synthesizer {
 }
 
 /// Frames with their numbers.
-fn stream(
-    synthesizer: &mut Synthesizer,
-    source: &mut dyn FrameSource,
-    from: usize,
-) -> Vec<(usize, Vec<f32>)> {
+fn stream(synthesizer: &mut Synthesizer, source: &mut dyn Source, from: usize) -> Vec<(usize, Vec<f32>)> {
     let frames = Mutex::new(Vec::new());
     synthesizer
         .stream(source, from, |frame| {
-            frames.lock().unwrap().push((frame.number, frame.values));
+            frames.lock().unwrap().push((frame.number, frame.frame.into_values()));
             Ok(())
         })
         .unwrap();
@@ -99,7 +96,7 @@ fn a_stopped_run_leaves_a_beginning() {
             if frame.number == 100 {
                 stop.store(true, Ordering::Relaxed);
             }
-            delivered.lock().unwrap().push((frame.number, frame.values));
+            delivered.lock().unwrap().push((frame.number, frame.frame.into_values()));
             Ok(())
         })
         .unwrap();
@@ -119,23 +116,29 @@ struct Long<'a> {
     fails_at: usize,
 }
 
-impl FrameSource for Long<'_> {
+impl Source for Long<'_> {
     fn recording(&self) -> &Recording {
         &self.recording
     }
 
-    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
+    fn frames(&self) -> Option<usize> {
+        None
+    }
+
+    fn next(&mut self) -> Result<Option<Frame>> {
         if self.read == self.fails_at {
             return Err(Error::Usage("the camera is gone".into()));
         }
         if self.read == self.frames {
-            return Ok(false);
+            return Ok(None);
         }
-        values.fill((self.read % 8) as f32 / 8.0);
+        let extent = self.recording.extent();
+        let time = self.recording.info.schedule_start + self.read as i64;
+        let frame = Frame::new(extent, time, vec![(self.read % 8) as f32 / 8.0; extent.pixels()]);
         self.read += 1;
         let ahead = self.read - self.delivered.load(Ordering::SeqCst);
         self.most_ahead.fetch_max(ahead, Ordering::SeqCst);
-        Ok(true)
+        Ok(Some(frame))
     }
 }
 

@@ -227,16 +227,17 @@ fn use_capture(array: &Path) -> bool {
         Err(error) => return told(&error),
     };
     assert!(values.iter().all(|y| (0.0..=1.0).contains(y)), "pixel values outside of [0, 1]");
-    let (frames, mut frame) = (file.frames, vec![0.0; values.len()]);
+    let frames = file.frames;
     let mut source = file.into_frames();
     let mut read = 0;
     loop {
-        match source.next(&mut frame) {
-            Ok(true) => read += 1,
-            Ok(false) => break,
+        let frame = match source.next() {
+            Ok(Some(frame)) => frame,
+            Ok(None) => break,
             Err(error) => return told(&error),
-        }
-        assert!(frame.iter().all(|y| (0.0..=1.0).contains(y)), "pixel values outside of [0, 1]");
+        };
+        read += 1;
+        assert!(frame.values().iter().all(|y| (0.0..=1.0).contains(y)), "pixel values outside of [0, 1]");
     }
     assert_eq!(read, frames);
     true

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::baseline::box_filter;
+use crate::frame::Frame;
 use crate::network::Window;
 use crate::quality::compare;
 use crate::sensor::{Calibration, Capture, Form, Pattern, Sampler};
@@ -54,7 +55,8 @@ impl Clip {
             let index = windows::stand_in(calibration, start, self.capture.frames, time);
             let mut values = vec![0.0; self.capture.height * self.capture.width];
             self.capture.pixel_values(index, &mut values);
-            seen.frame_mut(t).copy_from_slice(&windows::padded(values, calibration, self.extent(), wanted));
+            let frame = Frame::new(self.extent().into(), time, values);
+            seen.frame_mut(t).copy_from_slice(windows::padded(frame, calibration, wanted.into()).values());
         }
         seen
     }

@@ -7,8 +7,8 @@ use crate::network::Model;
 use crate::quality::compare;
 use crate::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use crate::synth::{Backend, Synthesizer};
+use crate::video::Counts;
 use crate::video::Video;
-use crate::video::npy::Counts;
 
 /// Count that stands for a missing read-out: above what 10 bits can hold.
 const MISSING: u16 = 65535;

@@ -4,8 +4,9 @@ use serde::Serialize;
 
 use super::{CheckFailed, machine};
 use crate::Result;
+use crate::frame::Frame;
 use crate::network::Model;
-use crate::sensor::{Form, FrameSource, Noise, Pattern, Recording, Sampler};
+use crate::sensor::{Form, Noise, Pattern, Recording, Sampler, Source};
 use crate::synth::Options;
 use crate::synth::{Backend, Skip, Synthesizer};
 use crate::video::Video;
@@ -35,18 +36,23 @@ struct Endless {
     next: usize,
 }
 
-impl FrameSource for Endless {
+impl Source for Endless {
     fn recording(&self) -> &Recording {
         &self.recording
     }
 
-    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
+    fn frames(&self) -> Option<usize> {
+        Some(self.frames)
+    }
+
+    fn next(&mut self) -> Result<Option<Frame>> {
         if self.next == self.frames {
-            return Ok(false);
+            return Ok(None);
         }
-        values.copy_from_slice(self.period.frame(self.next % self.period.frames));
+        let values = self.period.frame(self.next % self.period.frames).to_vec();
+        let time = self.recording.info.schedule_start + self.next as i64;
         self.next += 1;
-        Ok(true)
+        Ok(Some(Frame::new(self.recording.extent(), time, values)))
     }
 }
 
@@ -68,17 +74,18 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
     let inside = model.graph.window.frames..frames.saturating_sub(model.graph.window.frames);
     let mut before: Vec<Vec<f32>> = vec![Vec::new(); len];
     let (mut differing, mut early, mut early_is_known) = (0, None, false);
-    let report = synthesizer.stream(&mut source, 0, |frame| {
-        let last = &mut before[frame.number % len];
-        if let Some(at) = frame.values.iter().position(|p| !p.is_finite()) {
-            let problem = format!("frame {}: value {at} is not finite", frame.number);
+    let report = synthesizer.stream(&mut source, 0, |result| {
+        let (number, values) = (result.number, result.frame.into_values());
+        let last = &mut before[number % len];
+        if let Some(at) = values.iter().position(|p| !p.is_finite()) {
+            let problem = format!("frame {number}: value {at} is not finite");
             return Err(CheckFailed(problem).into());
         }
-        if inside.contains(&frame.number) && !last.is_empty() && *last != frame.values {
+        if inside.contains(&number) && !last.is_empty() && *last != values {
             differing += 1;
         }
-        *last = frame.values;
-        if !early_is_known && frame.number >= frames / 10 {
+        *last = values;
+        if !early_is_known && number >= frames / 10 {
             early_is_known = true;
             if machine::reset_peak_memory() {
                 early = machine::peak_memory();

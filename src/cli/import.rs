@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use crate::Result;
-use crate::sensor::{Capture, check_exposure_ratio, check_levels, fit_response, hold_to_covering};
-use crate::video::check_free;
+use crate::sensor::{CaptureFile, Imported, Importing, Recording, import};
 use clap::Args;
 use serde_json::json;
 
@@ -40,34 +39,23 @@ pub struct Import {
 impl Import {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
-        for file in Capture::files(&self.out) {
-            check_free(&file, self.overwrite)?;
-        }
-        let recording = Capture::read(&self.file, &self.options.keys()?)?;
-        let mut capture = hold_to_covering(&recording).into_owned();
-        let fit = if self.fit_response { Some(fit_response(&capture)?) } else { None };
-        if let Some(fit) = &fit {
-            capture = capture.with_response(fit)?;
-        }
-        if let Some(warning) = check_levels(&capture) {
+        let file = CaptureFile::open(&self.file, &self.options.keys()?)?;
+        let how = Importing { fit_response: self.fit_response, overwrite: self.overwrite };
+        let Imported { recording, frames, files, fit, levels, exposure } = import(file, &self.out, how)?;
+        let ratio = match exposure {
+            Some(check) => check.warning(),
+            None => {
+                Some("too few static, well exposed pixels to check how values scale with exposure".into())
+            }
+        };
+        for warning in [levels, ratio].into_iter().flatten() {
             terminal::warn(&warning);
         }
-        let check = check_exposure_ratio(&capture);
-        match check {
-            Some(check) => {
-                if let Some(warning) = check.warning() {
-                    terminal::warn(&warning);
-                }
-            }
-            None => {
-                terminal::warn("too few static, well exposed pixels to check how values scale with exposure");
-            }
-        }
-        let files = capture.write(&self.out)?;
-        let latency = capture.pattern.longest_readout() as f64 * capture.info.frame_period_ms;
+        let Recording { pattern, info, height, width, .. } = &recording;
+        let latency = pattern.longest_readout() as f64 * info.frame_period_ms;
         let report = json!({
-            "pattern": capture.pattern.name(), "frames": capture.frames, "height": capture.height,
-            "width": capture.width, "exposure_exponent": check.map(|check| check.exponent),
+            "pattern": pattern.name(), "frames": frames, "height": height, "width": width,
+            "exposure_exponent": exposure.map(|check| check.exponent),
             "response_difference": fit.as_ref().map(|fit| fit.difference), "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
         });
         terminal::result(self.json, &report, || {
@@ -80,15 +68,15 @@ impl Import {
                     fit.pairs
                 )
             });
-            let exponent = check.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
+            let exponent = exposure.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
             format!(
                 "{}: {} frames of {}×{}, pattern {}\nvalues scale with exposure to the power of {exponent} (1 is \
                  right)\na live source of this pattern lags by its longest exposure, {latency} ms{fitted}",
                 show(&files[0]),
-                capture.frames,
-                capture.height,
-                capture.width,
-                capture.pattern.name()
+                frames,
+                height,
+                width,
+                pattern.name()
             )
         })
     }

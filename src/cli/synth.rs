@@ -90,7 +90,7 @@ impl Synth {
         let backend = self.engine.backend()?;
         let mut synthesizer = self.engine.synthesizer(&model, recording.calibration(), extent, &backend)?;
 
-        let folder = (!has_extension(&self.out, "npy")).then_some(&self.out);
+        let folder = (!video::is_cube(&self.out)).then_some(&self.out);
         let target = folder.map_or_else(|| self.out.clone(), |folder| folder.join("hdr"));
         let how = Writing {
             half: self.half,
@@ -99,9 +99,7 @@ impl Synth {
             anchor: recording.info.anchor.map(|anchor| anchor as f32),
         };
         let extents = [frames, extent[0], extent[1]];
-        if target.exists() && std::fs::canonicalize(&target)? == std::fs::canonicalize(&file.array)? {
-            return Err(Error::Usage("is the capture itself; name another file".into()).at(&target));
-        }
+        file.check_not_itself(&target)?;
         let made = self.made(&file, &model, &backend)?;
         // What can fail comes before the result begins, so that it leaves nothing to go on with.
         let mut preview = self
@@ -115,7 +113,7 @@ impl Synth {
         let from = result.writer.pushed();
         let mut panels = Vec::new();
         for t in shown.iter().filter(|t| **t < from && folder.is_some()) {
-            panels.push(Panel::toned(&result.writer.written(*t)?, extent[1]));
+            panels.extend(result.writer.written(*t)?.map(|values| Panel::toned(&values, extent[1])));
         }
         let mut overlay = Vec::new();
         let mut comparison = Comparison::default();
@@ -124,20 +122,21 @@ impl Synth {
         bar.set_position(from as u64);
         bar.reset_eta();
         let run = synthesizer.stream(&mut *file.into_frames(), from, |frame| {
-            let ResultFrame { number, values, computed, .. } = frame;
-            result.writer.push(&values)?;
+            let ResultFrame { number, frame, computed, .. } = frame;
+            let values = frame.values();
+            result.writer.push(frame.plane())?;
             if let Some(preview) = &mut preview {
-                preview.push(&values)?;
+                preview.push(values)?;
             }
             if shown.contains(&number) {
-                let panel = Panel::toned(&values, extent[1]);
+                let panel = Panel::toned(values, extent[1]);
                 if let Some((active, slab)) = computed {
                     overlay.push((panel.clone(), active.slab(slab).to_vec()));
                 }
                 panels.push(panel);
             }
             if let Some(truth) = &truth {
-                comparison.add(truth.frame(number), &values, extent[1]);
+                comparison.add(truth.frame(number), values, extent[1]);
             }
             bar.inc(1);
             Ok(())
@@ -238,11 +237,6 @@ fn truth(path: &Path, [frames, height, width]: [usize; 3]) -> Result<Video> {
         )));
     }
     Ok(truth)
-}
-
-/// Whether `path` ends in `.extension`.
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
 /// A few frames spread evenly over `frames`.

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::canvas::{Canvas, Colour, INK, RULE, Surface, WHITE, text_height, text_width};
 use super::svg::Svg;
 use crate::Result;
+use crate::video::ending;
 use crate::video::{VideoError, atomic};
 
 const SCALE: usize = 2;
@@ -106,7 +107,7 @@ impl Plot {
     /// Draws the plot and writes it as SVG if the name ends so, else as PNG.
     pub fn write(&self, path: impl AsRef<Path>, width: usize, height: usize) -> Result<()> {
         let path = path.as_ref();
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("svg")) {
+        if ending(path) == "svg" {
             return atomic::write_bytes(path, self.draw_svg(width, height)?.as_bytes());
         }
         self.draw(width, height)?.write(path)

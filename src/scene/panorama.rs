@@ -33,13 +33,10 @@ impl Panorama {
     /// Reads all panoramas of a folder, in the order of their names.
     pub fn read_folder(folder: impl AsRef<Path>) -> Result<Vec<Arc<Self>>> {
         let folder = folder.as_ref();
-        let is_image = |path: &PathBuf| {
-            let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            matches!(extension.as_deref(), Some("exr" | "hdr"))
-        };
+        let is_picture = |path: &PathBuf| video::is_picture(path);
         let mut paths: Vec<PathBuf> = Vec::new();
         for entry in std::fs::read_dir(folder).at(folder)? {
-            paths.extend(Some(entry.at(folder)?.path()).filter(is_image));
+            paths.extend(Some(entry.at(folder)?.path()).filter(is_picture));
         }
         paths.sort();
         if paths.is_empty() {

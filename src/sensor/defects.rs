@@ -68,7 +68,7 @@ impl Defects {
     /// heading, lines that begin with # are comments.
     pub fn read_pixels(path: impl AsRef<Path>) -> Result<Vec<[usize; 2]>> {
         let path = path.as_ref();
-        Self::parse_pixels(&super::read_text(path).at(path)?).at(path)
+        Self::parse_pixels(&super::text::read_text(path).at(path)?).at(path)
     }
 
     fn parse_pixels(text: &str) -> Result<Vec<[usize; 2]>, SensorError> {
@@ -157,8 +157,9 @@ mod tests {
     use serde_json::Map;
 
     use super::super::{Capture, CaptureFile, Form, Noise, Pattern, Sampler, Schedule, Timing};
+    use crate::frame::Frame;
+    use crate::video::Counts;
     use crate::video::Video;
-    use crate::video::npy::Counts;
 
     /// A ramp along x that brightens with time.
     fn capture(timing: Timing) -> Capture {
@@ -170,11 +171,8 @@ mod tests {
     }
 
     fn all(capture: &Capture) -> Vec<Vec<f32>> {
-        let (mut source, mut frame, mut frames) = (capture.frames(), vec![0.0; 384], Vec::new());
-        while source.next(&mut frame).unwrap() {
-            frames.push(frame.clone());
-        }
-        frames
+        let mut source = capture.frames();
+        std::iter::from_fn(|| source.next().unwrap()).map(Frame::into_values).collect()
     }
 
     fn with(sound: &Capture, pixels: &[[usize; 2]], missing: Option<u16>) -> Capture {
@@ -235,10 +233,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         broken.write(folder.path()).unwrap();
         let mut source = CaptureFile::open(folder.path(), &Map::new()).unwrap().into_frames();
-        let mut frame = vec![0.0; 384];
         for filled in &filled {
-            assert!(source.next(&mut frame).unwrap());
-            assert!(frame == *filled);
+            assert!(source.next().unwrap().unwrap().values() == filled);
         }
     }
 

@@ -10,7 +10,7 @@ use crate::math::spread;
 /// Nodes of the fitted curve, closer where it is dark: yᵢ = (i/(n − 1))².
 const NODES: usize = 20;
 /// Frames that are looked at.
-const LOOKS: usize = 64;
+pub(super) const LOOKS: usize = 64;
 /// Pixels to each side of which the mean of one exposure is taken.
 const RADIUS: usize = 4;
 /// Largest deviation over time, in parts of the white level, of a static pixel.
@@ -260,8 +260,8 @@ fn exposures(capture: &Capture) -> Result<Vec<usize>, SensorError> {
 mod tests {
     use super::*;
     use crate::sensor::{Pattern, Response, Sampler};
+    use crate::video::Counts;
     use crate::video::Video;
-    use crate::video::npy::Counts;
 
     /// A static scene whose smooth parts go from dark to bright.
     fn scene() -> Video {

@@ -1,9 +1,13 @@
-//! Real recordings: timing, and checks for the most common mistakes.
+//! Real recordings become captures, and checks for the most common mistakes.
 
-use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
-use super::{Capture, Timing};
+use super::fit_response::{self, ResponseFit, fit_response};
+use super::{Capture, CaptureFile, CaptureInfo, Recording};
+use crate::Result;
 use crate::math::spread;
+use crate::video::begin_counts;
+use crate::video::check_free;
 
 /// Pixel values between which the exposure ratio is judged: above noise and black-level error, below the knee of
 /// saturation.
@@ -21,25 +25,63 @@ const ENOUGH: usize = 64;
 /// Least part of white that the brightest pixels of a recording are expected to reach.
 const BRIGHT: f32 = 0.125;
 
-/// A capture whose frames hold the exposure that covers them, from one that holds the last finished read-out.
+/// How a recording is imported.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Importing {
+    /// Whether response and black level are fitted to it (see [`fit_response`]).
+    pub fit_response: bool,
+    /// Whether files that are there are replaced.
+    pub overwrite: bool,
+}
+
+/// What became of a recording.
+#[derive(Debug)]
+pub struct Imported {
+    /// What is known of the capture that was written, without its frames.
+    pub recording: Recording,
+    /// Number of frames.
+    pub frames: usize,
+    /// Its files: counts and description.
+    pub files: [PathBuf; 2],
+    /// The fitted response, if one was asked for.
+    pub fit: Option<ResponseFit>,
+    /// What black and white level seem to be wrong with.
+    pub levels: Option<String>,
+    /// How static pixels scale with their exposure, where that could be judged.
+    pub exposure: Option<RatioCheck>,
+}
+
+/// Writes a recording as a capture into `folder`: frame by frame, each as the exposures that cover it.
 ///
-/// Read-outs that end behind the last frame are not known: their frames keep the last value that is.
-#[must_use]
-pub fn hold_to_covering(capture: &Capture) -> Cow<'_, Capture> {
-    if capture.info.timing == Timing::Covering {
-        return Cow::Borrowed(capture);
+/// Memory does not depend on the length of the recording, none of whose files can be written over.
+pub fn import(mut file: CaptureFile, folder: &Path, how: Importing) -> Result<Imported> {
+    let files = Capture::files(folder);
+    for target in &files {
+        check_free(target, how.overwrite)?;
+        file.check_not_itself(target)?;
     }
-    let mut covering = capture.clone();
-    let (len, width) = (capture.height * capture.width, capture.width);
-    covering.counts = capture.counts.gather(|i| {
-        let (t, pixel) = (i / len, i % len);
-        let schedule = capture.pattern.schedule(pixel / width, pixel % width);
-        let end =
-            schedule.covering(capture.info.schedule_start + t as i64).end() - capture.info.schedule_start;
-        (end as usize).min(capture.frames - 1) * len + pixel
-    });
-    covering.info.timing = Timing::Covering;
-    Cow::Owned(covering)
+    let frames = file.frames;
+    let mut described = file.covering_excerpt(&spread(frames, fit_response::LOOKS).collect::<Vec<_>>())?;
+    let fit = if how.fit_response { Some(fit_response(&described)?) } else { None };
+    if let Some(fit) = &fit {
+        described = described.with_response(fit)?;
+    }
+    let few = file.covering_excerpt(&spread(frames, LOOKS).collect::<Vec<_>>())?;
+    let exposure =
+        check_exposure_ratio(&Capture { frames: few.frames, counts: few.counts, ..described.clone() });
+
+    let recording = described.recording();
+    let mut writer = begin_counts(&files[0], [frames, recording.height, recording.width], file.bits())?;
+    let (mut levels, mut values) = (Levels::default(), vec![0.0; recording.extent().pixels()]);
+    let mut covering = file.into_covering_counts();
+    while let Some(counts) = covering.next()? {
+        recording.info.pixel_values(&counts, None, &mut values, None);
+        levels.add(&values);
+        writer.push(&counts)?;
+    }
+    writer.finish()?;
+    described.write_description(&files[1])?;
+    Ok(Imported { levels: levels.warning(&recording.info), recording, frames, files, fit, exposure })
 }
 
 /// How the values of static pixels scale with their exposure.
@@ -70,27 +112,47 @@ impl RatioCheck {
 
 /// What black and white level seem to be wrong with: no pixel gets far from black, or most are at white.
 pub fn check_levels(capture: &Capture) -> Option<String> {
-    let mut values = vec![0.0; capture.height * capture.width];
-    let (mut most, mut white, mut all) = (0.0f32, 0usize, 0usize);
+    let (mut levels, mut values) = (Levels::default(), vec![0.0; capture.height * capture.width]);
     for t in 0..capture.frames {
         capture.pixel_values(t, &mut values);
-        most = values.iter().copied().fold(most, f32::max);
-        white += values.iter().filter(|y| **y >= 1.0).count();
-        all += values.len();
+        levels.add(&values);
     }
-    let levels = format!(
-        "are black level {} and white level {} right?",
-        capture.info.black_level, capture.info.white_level
-    );
-    if most < BRIGHT {
-        Some(format!("no pixel gets beyond {:.1}% of white: {levels}", 100.0 * most))
-    } else if 2 * white > all {
-        Some(format!(
-            "{:.0}% of the pixels are at white or above: {levels}",
-            100.0 * white as f64 / all as f64
-        ))
-    } else {
-        None
+    levels.warning(&capture.info)
+}
+
+/// What pixel values say of black and white level.
+#[derive(Clone, Copy, Debug, Default)]
+struct Levels {
+    /// The largest value.
+    most: f32,
+    /// Values at white or above.
+    white: usize,
+    /// All values.
+    all: usize,
+}
+
+impl Levels {
+    /// Looks at the pixel values of a frame.
+    fn add(&mut self, values: &[f32]) {
+        self.most = values.iter().copied().fold(self.most, f32::max);
+        self.white += values.iter().filter(|y| **y >= 1.0).count();
+        self.all += values.len();
+    }
+
+    fn warning(self, info: &CaptureInfo) -> Option<String> {
+        let Self { most, white, all } = self;
+        let levels =
+            format!("are black level {} and white level {} right?", info.black_level, info.white_level);
+        if most < BRIGHT {
+            Some(format!("no pixel gets beyond {:.1}% of white: {levels}", 100.0 * most))
+        } else if 2 * white > all {
+            Some(format!(
+                "{:.0}% of the pixels are at white or above: {levels}",
+                100.0 * white as f64 / all as f64
+            ))
+        } else {
+            None
+        }
     }
 }
 
@@ -175,24 +237,5 @@ mod tests {
         assert!(check_levels(&capture).unwrap().contains("white level 65535"));
         capture.info.white_level = 60.0;
         assert!(check_levels(&capture).unwrap().contains("at white or above"));
-    }
-
-    #[test]
-    fn hold_becomes_covering() {
-        let mut video = Video::black(40, 8, 8);
-        for t in 0..40 {
-            video.frame_mut(t).fill(0.2 + 0.01 * ((t * t) % 7) as f32);
-        }
-        let mut sampler = camera();
-        sampler.noise = super::super::Noise::NONE;
-        let covering = sampler.sample(&video).unwrap().measurement();
-        sampler.timing = Timing::Hold;
-        let held = sampler.sample(&video).unwrap();
-        let converted = hold_to_covering(&held);
-        let longest = converted.pattern.longest_readout();
-        let measurement = converted.measurement();
-        for t in 0..40 - longest {
-            assert_eq!(measurement.frame(t), covering.frame(t), "frame {t}");
-        }
     }
 }

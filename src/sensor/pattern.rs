@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SensorError;
 use crate::math::lcm;
+use crate::video::ending;
 use crate::{At, Result};
 
 /// Longest period of a pattern, in frames: the tables of the kernels have one entry a frame.
@@ -233,8 +234,8 @@ impl Pattern {
     /// A built-in pattern by name, or one from a JSON file where `name` ends in `.json`.
     pub fn load(name: &str) -> Result<Self> {
         let path = Path::new(name);
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
-            let text = super::read_text(path).at(path)?;
+        if ending(path) == "json" {
+            let text = super::text::read_text(path).at(path)?;
             let tile: PatternTile =
                 serde_json::from_str(&text).map_err(|e| SensorError::Pattern(e.to_string())).at(path)?;
             let fallback =

@@ -55,7 +55,7 @@ impl Response {
     /// A first row that does not begin with a number is a heading. The first row is x = 0, the last one saturation.
     pub fn read_form(path: impl AsRef<Path>) -> Result<Form> {
         let path = path.as_ref();
-        Self::parse_form(&super::read_text(path).at(path)?).at(path)
+        Self::parse_form(&super::text::read_text(path).at(path)?).at(path)
     }
 
     /// As [`Response::read_form`], from text.

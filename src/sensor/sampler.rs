@@ -5,11 +5,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 
-use super::capture::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
+use super::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
 use super::{Form, Pattern, Readout, Response, SensorError};
 use crate::Result;
+use crate::video::Counts;
 use crate::video::Video;
-use crate::video::npy::Counts;
 
 /// Shot noise and read noise, both in electrons (design §2).
 #[derive(Clone, Copy, Debug, PartialEq)]

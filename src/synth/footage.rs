@@ -8,27 +8,25 @@ use std::sync::mpsc::Receiver;
 
 use super::windows;
 use crate::Result;
+use crate::frame::Frame;
 use crate::sensor::{Calibration, SensorError};
 
-/// A frame of pixel values, padded to the size of the grid.
-pub type Frame = Arc<Vec<f32>>;
-
-/// The part of a recording that is in memory.
+/// The part of a recording that is in memory. Frames are padded to the size of the grid.
 #[derive(Debug)]
 pub struct Footage<'a> {
-    arriving: Receiver<Result<Vec<f32>>>,
+    arriving: Receiver<Result<Frame>>,
     calibration: &'a Calibration,
     /// Schedule time of the recording's first frame.
     start: i64,
     /// Frames from number `first` on.
-    known: VecDeque<Frame>,
+    known: VecDeque<Arc<Frame>>,
     first: usize,
     ended: bool,
 }
 
 impl<'a> Footage<'a> {
     /// The recording that arrives, from schedule time `start` on.
-    pub fn new(arriving: Receiver<Result<Vec<f32>>>, calibration: &'a Calibration, start: i64) -> Self {
+    pub fn new(arriving: Receiver<Result<Frame>>, calibration: &'a Calibration, start: i64) -> Self {
         Self { arriving, calibration, start, known: VecDeque::new(), first: 0, ended: false }
     }
 
@@ -64,7 +62,7 @@ impl<'a> Footage<'a> {
     }
 
     /// The frame that windows see at schedule time `t`: the one that was recorded then, or its stand-in.
-    pub fn frame(&mut self, t: i64) -> Result<Frame> {
+    pub fn frame(&mut self, t: i64) -> Result<Arc<Frame>> {
         let number = if self.holds(t)? {
             (t - self.start) as usize
         } else {
@@ -98,12 +96,17 @@ pub struct Seen<'a> {
     /// Schedule time of `frames[0]`.
     pub first: i64,
     /// The frames.
-    pub frames: &'a [Frame],
+    pub frames: &'a [Arc<Frame>],
 }
 
 impl Seen<'_> {
+    /// The pixel values [y, x] of the frame at schedule time `t`.
+    pub fn at(&self, t: i64) -> &[f32] {
+        self.frame(t).values()
+    }
+
     /// The frame at schedule time `t`.
-    pub fn at(&self, t: i64) -> &Frame {
+    pub fn frame(&self, t: i64) -> &Arc<Frame> {
         &self.frames[(t - self.first) as usize]
     }
 }
@@ -122,20 +125,21 @@ mod tests {
         let calibration = Calibration::new(&pattern, &Response::new(Form::Linear, 2.0).unwrap());
         let footage = |frames: usize| {
             let (send, arriving) = sync_channel(frames);
-            (0..frames).for_each(|t| send.send(Ok(vec![t as f32])).unwrap());
+            let frame = |t: usize| Frame::new([1, 1].into(), t as i64 - 3, vec![t as f32]);
+            (0..frames).for_each(|t| send.send(Ok(frame(t))).unwrap());
             Footage::new(arriving, &calibration, -3)
         };
         let go_on = AtomicBool::new(false);
         let mut long = footage(5000);
         long.forget_before(4000, &go_on).unwrap();
         assert!(long.known.len() <= calibration.period + 1, "{} frames are in memory", long.known.len());
-        assert_eq!(long.frame(4000).unwrap()[0], 4003.0);
+        assert_eq!(long.frame(4000).unwrap().values()[0], 4003.0);
         // The last period stays, since it stands in behind the end.
         let mut short = footage(20);
         short.forget_before(4000, &go_on).unwrap();
         assert!(!short.holds(4000).unwrap());
         let stand_in = windows::stand_in(&calibration, -3, 20, 4000);
-        assert_eq!(short.frame(4000).unwrap()[0], stand_in as f32);
+        assert_eq!(short.frame(4000).unwrap().values()[0], stand_in as f32);
         // A run that is to stop waits for nothing.
         let mut stopped = footage(20);
         stopped.forget_before(4000, &AtomicBool::new(true)).unwrap();

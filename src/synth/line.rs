@@ -15,6 +15,7 @@ use super::layout::Tile;
 use super::pool::Pool;
 use super::skip::{Active, Audit, Cells, Choice, Kept};
 use super::tiles::Grid;
+use crate::frame::{Extent, Frame};
 use crate::network::Window;
 use crate::video::Video;
 use crate::{Error, Result};
@@ -24,8 +25,8 @@ use crate::{Error, Result};
 pub struct ResultFrame {
     /// Its number in the recording.
     pub number: usize,
-    /// Irradiance p [rows, columns].
-    pub values: Vec<f32>,
+    /// Irradiance p.
+    pub frame: Frame,
     /// Where something may be skipped, which cells of its window were computed, and its slab there.
     pub computed: Option<(Arc<Active>, usize)>,
     /// Rows and columns of a cell, in pixels.
@@ -66,7 +67,7 @@ pub struct Line<'a> {
     cells: &'a Cells,
     grid: &'a Grid,
     window: Window,
-    extent: [usize; 2],
+    extent: Extent,
     /// Schedule time of the recording's first frame.
     start: i64,
     /// What comes next.
@@ -99,7 +100,7 @@ impl<'a> Line<'a> {
     pub fn new(
         pool: &'a mut Pool,
         (cells, grid, window): (&'a Cells, &'a Grid, Window),
-        extent: [usize; 2],
+        extent: Extent,
         start: i64,
         keeps: bool,
         deliver: SyncSender<ResultFrame>,
@@ -115,7 +116,7 @@ impl<'a> Line<'a> {
             queue: VecDeque::new(),
             results: VecDeque::new(),
             free: Vec::new(),
-            kept: keeps.then(|| Kept::new(cells, extent)),
+            kept: keeps.then(|| Kept::new(cells, extent.into())),
             measurement: Vec::new(),
             tile: Vec::new(),
             ahead: 1,
@@ -127,7 +128,7 @@ impl<'a> Line<'a> {
 
     /// Starts to compute `tiles` of a window.
     pub fn submit(&mut self, tiles: Vec<Tile>, seen: &Seen<'_>, window: Submitted) -> Result<()> {
-        let [height, width] = self.extent;
+        let Extent { height, width } = self.extent;
         let result = self.free.pop().unwrap_or_else(|| Video::black(self.window.hop, height, width));
         self.results.push_back(result);
         for tile in tiles {
@@ -194,7 +195,7 @@ impl<'a> Line<'a> {
         self.pool.collect(tile.size(), &mut self.tile)?;
         self.done.inference += begun.elapsed();
         let Some(result) = self.results.front_mut() else { return Ok(()) };
-        let [height, width] = self.extent;
+        let Extent { height, width } = self.extent;
         let columns = col.len.min(width.saturating_sub(col.start));
         for (t, frame) in frames.clone().enumerate() {
             for y in row.start..(row.start + row.len).min(height) {
@@ -227,7 +228,7 @@ impl<'a> Line<'a> {
             let in_window = (t - window.begin) as usize;
             let frame = ResultFrame {
                 number: (t - self.start) as usize,
-                values: result.frame(in_window).to_vec(),
+                frame: Frame::new(self.extent, t, result.frame(in_window).to_vec()),
                 computed: active.clone().map(|active| (active, in_window / self.cells.size()[0])),
                 cell: [self.cells.size()[1], self.cells.size()[2]],
                 inference,

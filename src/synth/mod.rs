@@ -1,6 +1,6 @@
 //! The main job: recording → HDR video, window after window and tile after tile.
 //!
-//! Data flows so: a thread reads frames from a [`FrameSource`](crate::sensor::FrameSource) into [`footage`], the part
+//! Data flows so: a thread reads frames from a [`Source`](crate::sensor::Source) into [`footage`], the part
 //! of the recording that is in memory. [`windows`] says which frames a net sees. [`skip`] decides which cells of a window
 //! have to be computed and puts them into cuboids, and [`layout`] makes tiles of those ([`tiles`]: which pixels a tile
 //! sees). The [`line`] has executors of the [`pool`] compute them (in several views, if it is to be an [`ensemble`]), puts

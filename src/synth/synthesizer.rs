@@ -18,9 +18,10 @@ use super::report::Report;
 use super::skip::{Cells, Gate, Skip, cell_frames, cover};
 use super::tiles::{Cut, Grid, Limits};
 use super::windows;
+use crate::frame::{Extent, Frame};
 use crate::math::lcm;
 use crate::network::{Graph, Model, NetworkError, Plan, Window};
-use crate::sensor::{Calibration, Capture, FrameSource, Recording, SensorError};
+use crate::sensor::{Calibration, Capture, Recording, SensorError, Source};
 use crate::video::Video;
 use crate::{Error, Result};
 
@@ -42,7 +43,7 @@ pub struct Options {
 pub struct Synthesizer {
     window: Window,
     calibration: Calibration,
-    extent: [usize; 2],
+    extent: Extent,
     grid: Grid,
     pool: Pool,
     /// What computes, in words.
@@ -91,7 +92,7 @@ impl Synthesizer {
     pub fn new(
         model: &Model,
         calibration: Calibration,
-        extent: [usize; 2],
+        extent: impl Into<Extent>,
         backend: &Backend,
         side: Option<usize>,
     ) -> Result<Self> {
@@ -102,15 +103,16 @@ impl Synthesizer {
     pub fn with(
         model: &Model,
         calibration: Calibration,
-        extent: [usize; 2],
+        extent: impl Into<Extent>,
         backend: &Backend,
         options: Options,
     ) -> Result<Self> {
+        let extent = extent.into();
         model.graph.check_renders_video()?;
         let skip = options.skip;
         let views = views(&model.graph, &calibration, options.ensemble)?;
         let lengths = lengths(&model.graph, &calibration, options)?;
-        let (model, grid) = &fit(model, &calibration, extent, backend.limits(options.side), &lengths)?;
+        let (model, grid) = &fit(model, &calibration, extent.into(), backend.limits(options.side), &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
         let exact = Cut::exact(&model.graph, &calibration, backend.compiles())?;
         let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &calibration);
@@ -165,7 +167,7 @@ impl Synthesizer {
         capture: &Capture,
         mut sink: impl FnMut(usize, &[f32]) -> Result<()> + Send,
     ) -> Result<Report> {
-        self.stream(&mut *capture.frames(), 0, |frame| sink(frame.number, &frame.values))
+        self.stream(&mut *capture.frames(), 0, |result| sink(result.number, result.frame.values()))
     }
 
     /// Synthesises a whole capture into memory.
@@ -184,25 +186,23 @@ impl Synthesizer {
     /// Frames are read on a thread of their own, and `sink` runs on another one; a few frames wait between them.
     pub fn stream(
         &mut self,
-        source: &mut dyn FrameSource,
+        source: &mut dyn Source,
         from: usize,
         mut sink: impl FnMut(ResultFrame) -> Result<()> + Send,
     ) -> Result<Report> {
         let recording = source.recording().clone();
-        if [recording.height, recording.width] != self.extent || recording.calibration() != self.calibration {
+        if recording.extent() != self.extent || recording.calibration() != self.calibration {
             return Err(SensorError::Capture(
                 "not the size or camera that the synthesis was made for".into(),
             )
             .into());
         }
         let begun = Instant::now();
-        let [height, width] = self.grid.extent();
-        let waiting = (WAITING_BYTES / (4 * height * width)).clamp(2, 64);
-        let padding =
-            Padding { extent: self.extent, calibration: &self.calibration.clone(), grid: &self.grid.clone() };
+        let (calibration, padded) = (self.calibration.clone(), Extent::from(self.grid.extent()));
+        let waiting = (WAITING_BYTES / (4 * padded.pixels())).clamp(2, 64);
         std::thread::scope(|scope| {
             let (send_frame, arriving) = sync_channel(waiting);
-            scope.spawn(move || read(source, &padding, &send_frame));
+            scope.spawn(move || read(source, &calibration, padded, &send_frame));
             let (deliver, finished) = sync_channel::<ResultFrame>(waiting);
             let writer = scope.spawn(move || -> Result<()> { finished.iter().try_for_each(&mut sink) });
             let compute = || self.compute(&recording, from, arriving, deliver);
@@ -224,7 +224,7 @@ impl Synthesizer {
         &mut self,
         recording: &Recording,
         from: usize,
-        arriving: Receiver<Result<Vec<f32>>>,
+        arriving: Receiver<Result<Frame>>,
         deliver: SyncSender<ResultFrame>,
     ) -> Result<Report> {
         self.pool.reset();
@@ -393,35 +393,27 @@ fn fit(
     Ok((model, grid))
 }
 
-/// Reads frames until there are no more, or nobody wants them.
-fn read(source: &mut dyn FrameSource, padding: &Padding<'_>, frames: &SyncSender<Result<Vec<f32>>>) {
+/// Reads frames until there are no more, or nobody wants them, and extends each to `extent` by pixels at the same place of
+/// the pattern.
+fn read(
+    source: &mut dyn Source,
+    calibration: &Calibration,
+    extent: Extent,
+    frames: &SyncSender<Result<Frame>>,
+) {
     loop {
-        let mut values = vec![0.0; padding.extent[0] * padding.extent[1]];
         // Without a word, the end of this thread would pass for the end of the recording.
-        let next = catch_unwind(AssertUnwindSafe(|| source.next(&mut values)))
+        let next = catch_unwind(AssertUnwindSafe(|| source.next()))
             .unwrap_or_else(|_| Err(Error::Panicked("reads frames")));
         let frame = match next {
-            Ok(true) => Ok(padding.pad(values)),
-            Ok(false) => return,
+            Ok(Some(frame)) => Ok(windows::padded(frame, calibration, extent)),
+            Ok(None) => return,
             Err(error) => Err(error),
         };
         let failed = frame.is_err();
         if frames.send(frame).is_err() || failed {
             return;
         }
-    }
-}
-
-/// Extends frames to the grid's size by pixels at the same place of the pattern.
-struct Padding<'a> {
-    extent: [usize; 2],
-    calibration: &'a Calibration,
-    grid: &'a Grid,
-}
-
-impl Padding<'_> {
-    fn pad(&self, values: Vec<f32>) -> Vec<f32> {
-        windows::padded(values, self.calibration, self.extent, self.grid.extent())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::frame::{Extent, Frame};
 use crate::network::Window;
 use crate::sensor::Calibration;
 
@@ -51,24 +52,18 @@ pub fn stand_in_row(len: usize, tile: usize, i: usize) -> usize {
     if i < len { i } else { i - (i + 1 - len).div_ceil(tile) * tile }
 }
 
-/// Pixel values [y, x] of a frame of `extent` rows and columns, extended to `wanted` by pixels at the same place of the
-/// pattern.
-pub fn padded(
-    values: Vec<f32>,
-    calibration: &Calibration,
-    extent: [usize; 2],
-    wanted: [usize; 2],
-) -> Vec<f32> {
-    let [height, width] = extent;
-    if extent == wanted {
-        return values;
+/// A frame of pixel values, extended to `wanted` by pixels at the same place of the pattern.
+pub fn padded(frame: Frame, calibration: &Calibration, wanted: Extent) -> Frame {
+    let Extent { height, width } = frame.extent();
+    if frame.extent() == wanted {
+        return frame;
     }
-    let mut padded = Vec::with_capacity(wanted[0] * wanted[1]);
-    for y in 0..wanted[0] {
-        let row = &values[stand_in_row(height, calibration.rows, y) * width..][..width];
-        padded.extend((0..wanted[1]).map(|x| row[stand_in_row(width, calibration.cols, x)]));
+    let mut padded = Vec::with_capacity(wanted.pixels());
+    for y in 0..wanted.height {
+        let row = &frame.values()[stand_in_row(height, calibration.rows, y) * width..][..width];
+        padded.extend((0..wanted.width).map(|x| row[stand_in_row(width, calibration.cols, x)]));
     }
-    padded
+    Frame::new(wanted, frame.time(), padded)
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! A monochrome HDR video in memory.
 
 use super::VideoError;
+use super::pixels::check_pixels;
+use crate::frame::{Extent, Plane};
 
 /// A cube [t, y, x] of linear values (irradiance as a fraction of an anchor, or scene-referred before
 /// normalisation), C-contiguous, origin top left.
@@ -41,6 +43,16 @@ impl Video {
         &self.data[t * self.frame_len()..][..self.frame_len()]
     }
 
+    /// Rows and columns.
+    pub fn extent(&self) -> Extent {
+        Extent { height: self.height, width: self.width }
+    }
+
+    /// One frame.
+    pub fn plane(&self, t: usize) -> Plane<'_> {
+        Plane::new(self.extent(), self.frame(t))
+    }
+
     /// One frame [y, x], to write.
     pub fn frame_mut(&mut self, t: usize) -> &mut [f32] {
         let len = self.frame_len();
@@ -49,7 +61,7 @@ impl Video {
 
     /// The first pixel that is not a finite, non-negative number, as an error.
     pub fn check_finite(&self) -> Result<(), VideoError> {
-        (0..self.frames).try_for_each(|t| super::check_pixels(self.frame(t), t, self.width))
+        (0..self.frames).try_for_each(|t| check_pixels(self.frame(t), t, self.width))
     }
 
     /// Normalises to the anchor: divides by the 99th percentile and clips to 1 (paper eq. 11). Returns the

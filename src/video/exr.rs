@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use exr::block::lines::LineRef;
 use exr::block::reader::ChunksReader;
@@ -15,19 +15,25 @@ use exr::meta::attribute::{AttributeValue, ChannelDescription, Compression, Line
 use exr::meta::header::{Header, LayerAttributes};
 use exr::prelude::f16;
 
-use super::{Video, VideoError, check_pixels, check_size, half_of, luminance};
-use crate::{At, Result};
+pub use super::writing::PlaneWriting;
 
-/// How a plane is written.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlaneWriting {
-    /// Half instead of single precision; values above 65504 become 65504.
-    pub half: bool,
-    /// Duration of a frame, as the standard attribute `framesPerSecond`.
-    pub frame_period_ms: Option<f64>,
-    /// What p = 1 stands for, as the attribute `anchor`.
-    pub anchor: Option<f32>,
-}
+use super::format::{Destination, Format, WriteVideo};
+use super::pixels::{
+    check_complete, check_frame, check_pixels, check_size, check_values, half_of, luminance,
+};
+use super::{Video, VideoError, check_free};
+use crate::frame::Plane;
+use crate::{At, Error, Result};
+
+/// Single pictures.
+pub(super) const FORMAT: Format = Format {
+    name: "an .exr picture",
+    endings: &["exr"],
+    single: true,
+    open: |path| Ok(Box::new(read(path)?)),
+    begin: Some(begin),
+    counts: None,
+};
 
 /// Reads a picture as a video of one frame: channel Y, else the luminance of R, G and B (Rec. 709) in the first part
 /// that has them; half, float or uint, the full resolution. Every pixel must be finite and ≥ 0.
@@ -175,10 +181,49 @@ fn add_samples<T>(
     Ok(())
 }
 
-fn problem(error: ExrError) -> crate::Error {
+fn problem(error: ExrError) -> Error {
     match error {
         ExrError::Io(error) => error.into(),
         error => VideoError::Format(format!("not a usable OpenEXR file: {error}")).into(),
+    }
+}
+
+/// A video of one frame, which is written at once when it is complete.
+struct PictureWriter {
+    path: PathBuf,
+    extents: [usize; 3],
+    how: PlaneWriting,
+    frame: Option<Vec<f32>>,
+}
+
+fn begin(path: &Path, to: Destination<'_>) -> Result<Box<dyn WriteVideo>> {
+    if to.extents[0] != 1 {
+        let problem = "one .exr file holds one frame; name a folder or a .npy file";
+        return Err(Error::Usage(problem.into())).at(path);
+    }
+    check_free(path, to.how.overwrite)?;
+    let Destination { extents, how, .. } = to;
+    Ok(Box::new(PictureWriter { path: path.to_owned(), extents, how: how.plane(), frame: None }))
+}
+
+impl WriteVideo for PictureWriter {
+    fn pushed(&self) -> usize {
+        usize::from(self.frame.is_some())
+    }
+
+    fn push(&mut self, frame: Plane<'_>) -> Result<()> {
+        check_frame(frame, self.pushed(), self.extents).at(&self.path)?;
+        self.frame = Some(frame.values().to_vec());
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        check_complete(self.pushed(), self.extents[0]).at(&self.path)?;
+        write(&self.path, &self.frame.unwrap_or_default(), self.extents[2], self.how)
+    }
+
+    fn suspend(self: Box<Self>) -> Result<usize> {
+        Ok(0)
     }
 }
 
@@ -186,7 +231,7 @@ fn problem(error: ExrError) -> crate::Error {
 pub fn write(path: impl AsRef<Path>, plane: &[f32], width: usize, how: PlaneWriting) -> Result<()> {
     let path = path.as_ref();
     let height = plane.len() / width.max(1);
-    super::check_frame(plane, 0, [1, height, width]).and_then(|()| check_size(width, height)).at(path)?;
+    check_values(plane, 0, [1, height, width]).and_then(|()| check_size(width, height)).at(path)?;
     let image = image(plane, width, height, how);
     super::atomic::write(path, |content| image.write().non_parallel().to_buffered(content).map_err(problem))
 }

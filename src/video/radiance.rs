@@ -7,8 +7,20 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-use super::{Video, VideoError, check_pixels, check_size, luminance};
+use super::format::Format;
+use super::pixels::{check_pixels, check_size, luminance, reserve};
+use super::{Video, VideoError};
 use crate::{At, Result};
+
+/// Single pictures, which are only read.
+pub(super) const FORMAT: Format = Format {
+    name: "a .hdr picture",
+    endings: &["hdr", "pic"],
+    single: true,
+    open: |path| Ok(Box::new(read(path)?)),
+    begin: None,
+    counts: None,
+};
 
 /// Longest line of a header that is read.
 const MAX_LINE: u64 = 4096;
@@ -28,7 +40,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Video> {
 fn read_picture(content: &mut impl BufRead) -> Result<Video> {
     let header = read_header(content)?;
     let Layout { scans, scan_len, .. } = header.layout;
-    let mut stored = super::reserve(scans * scan_len)?;
+    let mut stored = reserve(scans * scan_len)?;
     let mut scan = vec![[0_u8; 4]; scan_len];
     for _ in 0..scans {
         read_scan(content, &mut scan).map_err(|error| match error.kind() {

@@ -9,8 +9,9 @@ use glam::Vec2;
 use rayon::ThreadPool;
 
 use crate::clock::CameraClock;
+use pix2hdr::frame::Frame;
 use pix2hdr::scene::{Rendering, Scene, render};
-use pix2hdr::sensor::{FrameSource, Recording, Sampler, Timing};
+use pix2hdr::sensor::{Recording, Sampler, Source, Timing};
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
 
@@ -203,23 +204,28 @@ impl<'a> LiveRun<'a> {
     }
 }
 
-impl FrameSource for LiveRun<'_> {
+impl Source for LiveRun<'_> {
     fn recording(&self) -> &Recording {
         &self.recording
     }
 
-    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
+    /// Nobody knows when the camera ends.
+    fn frames(&self) -> Option<usize> {
+        None
+    }
+
+    fn next(&mut self) -> Result<Option<Frame>> {
         if self.ready.is_empty() {
             if !self.wait() {
-                return Ok(false);
+                return Ok(None);
             }
             self.shared.beside.install(|| self.sample())?;
         }
-        let Some([mosaic, truth]) = self.ready.pop_front() else { return Ok(false) };
+        let Some([mosaic, truth]) = self.ready.pop_front() else { return Ok(None) };
         (self.heard)(self.next, &mosaic, &truth);
-        values.copy_from_slice(&mosaic);
+        let frame = Frame::new(self.recording.extent(), self.next as i64, mosaic);
         self.next += 1;
-        Ok(true)
+        Ok(Some(frame))
     }
 }
 
@@ -255,12 +261,11 @@ mod tests {
                 heard.push((number, mosaic.to_vec(), light.to_vec()));
             })
             .unwrap();
-            let mut values = vec![0.0; 24 * 32];
             for t in from..from + 2 * BLOCK {
                 // As if each frame had just been exposed.
                 shared.clock.set((t + BLOCK) as f64, Instant::now());
-                assert!(run.next(&mut values).unwrap());
-                assert_eq!(values, whole.frame(t), "frame {t} of a run from {from}");
+                let frame = run.next().unwrap().unwrap();
+                assert_eq!(frame.values(), whole.frame(t), "frame {t} of a run from {from}");
             }
             drop(run);
             assert_eq!(heard.len(), 2 * BLOCK);
@@ -274,11 +279,10 @@ mod tests {
         let shared = shared(&pool);
         shared.clock.set(BLOCK as f64 + KEPT + 1.0, Instant::now());
         let mut run = LiveRun::new(&camera, 0, shared.clone(), |_, _, _| ()).unwrap();
-        let mut values = vec![0.0; 24 * 32];
-        assert!(!run.next(&mut values).unwrap());
+        assert!(run.next().unwrap().is_none());
         shared.clock.set(0.0, Instant::now());
         shared.stop.store(true, Ordering::Relaxed);
-        assert!(!run.next(&mut values).unwrap());
+        assert!(run.next().unwrap().is_none());
     }
 
     #[test]

@@ -17,7 +17,7 @@ use crate::store::{Generation, Store};
 use pix2hdr::baseline::box_filter;
 use pix2hdr::gpu::{Gpu, GpuError, Results};
 use pix2hdr::network::{Graph, Model, Precision, Window};
-use pix2hdr::sensor::{Calibration, CaptureFile, FrameSource, Recording};
+use pix2hdr::sensor::{Calibration, CaptureFile, Recording};
 use pix2hdr::synth::{self, Backend, ResultFrame, Skip, Synthesizer, check_fits};
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
@@ -598,7 +598,7 @@ impl Worker {
     /// Synthesises the frames of a file.
     fn file(
         &self,
-        frames: Box<dyn FrameSource + '_>,
+        frames: Box<dyn pix2hdr::sensor::Source + '_>,
         truth: Option<&Arc<Video>>,
         synthesizer: &mut Synthesizer,
         generation: Generation,
@@ -663,7 +663,7 @@ impl Worker {
     /// What takes results of `frames`.
     fn delivery(
         &self,
-        frames: &dyn FrameSource,
+        frames: &dyn pix2hdr::sensor::Source,
         generation: Generation,
         begin: usize,
         patient: bool,
@@ -704,28 +704,31 @@ fn is_lost(error: &Error) -> bool {
 
 /// A source whose frames are remembered until their results are there.
 struct Overheard<'a> {
-    frames: Box<dyn FrameSource + 'a>,
+    frames: Box<dyn pix2hdr::sensor::Source + 'a>,
     next: usize,
     from: usize,
     truth: Option<&'a Arc<Video>>,
     pending: &'a Pending,
 }
 
-impl FrameSource for Overheard<'_> {
+impl pix2hdr::sensor::Source for Overheard<'_> {
     fn recording(&self) -> &Recording {
         self.frames.recording()
     }
 
-    fn next(&mut self, values: &mut [f32]) -> Result<bool> {
-        if !self.frames.next(values)? {
-            return Ok(false);
-        }
+    fn frames(&self) -> Option<usize> {
+        self.frames.frames()
+    }
+
+    fn next(&mut self) -> Result<Option<pix2hdr::frame::Frame>> {
+        let Some(frame) = self.frames.next()? else { return Ok(None) };
         if self.next >= self.from {
             let truth = self.truth.map(|truth| truth.frame(self.next).to_vec());
-            lock(self.pending).push_back(Passing { number: self.next, mosaic: values.to_vec(), truth });
+            let mosaic = frame.values().to_vec();
+            lock(self.pending).push_back(Passing { number: self.next, mosaic, truth });
         }
         self.next += 1;
-        Ok(true)
+        Ok(Some(frame))
     }
 }
 
@@ -777,7 +780,7 @@ impl Delivery<'_> {
             width,
             mosaic,
             filtered,
-            ours: Some(result.values),
+            ours: Some(result.frame.into_values()),
             on_gpu,
             truth,
             computed: result.computed.map(|(active, slab)| Computed { active, slab, cell: result.cell }),

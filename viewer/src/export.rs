@@ -7,6 +7,7 @@ use crate::frame::Frame;
 use crate::picture::{Kinds, Picture};
 use crate::place::Part;
 use crate::tone::ToneTable;
+use pix2hdr::frame::Plane;
 use pix2hdr::video::{PreviewWriter, VideoWriter, Writing, png};
 use pix2hdr::{Error, Result};
 
@@ -22,7 +23,7 @@ pub fn save_exr(folder: &Path, frame: &Frame, picture: Picture) -> Result<PathBu
     let path = unused(folder, &format!("frame-{:05}", frame.number), "exr");
     let how = Writing { half: false, ..Writing::default() };
     let mut writer = VideoWriter::begin(&path, [1, frame.height, frame.width], how)?;
-    writer.push(plane)?;
+    writer.push(Plane::new([frame.height, frame.width], plane))?;
     writer.finish()?;
     Ok(path)
 }
@@ -57,7 +58,8 @@ pub fn record(folder: &Path, frames: &[Arc<Frame>], rate: u32) -> Result<(Vec<Pa
     let mut writer =
         VideoWriter::begin(&target, [results.len(), first.height, first.width], Writing::default())?;
     let values = || results.iter().filter_map(|frame| frame.ours.as_ref());
-    values().try_for_each(|values| writer.push(values))?;
+    let extent = [first.height, first.width];
+    values().try_for_each(|values| writer.push(Plane::new(extent, values)))?;
     writer.finish()?;
     if !PreviewWriter::is_installed() {
         return Ok((vec![target], None));

@@ -8,7 +8,6 @@ use serde_json::{Map, Value};
 use crate::camera::LiveCamera;
 use pix2hdr::scene::{Moves, Panorama, Speed, procedural, suite_clip};
 use pix2hdr::sensor::{Capture, CaptureFile, Recording, Sampler};
-use pix2hdr::video::npy::CountsReader;
 use pix2hdr::video::{self, Video};
 use pix2hdr::{At, Error, Result};
 
@@ -95,7 +94,7 @@ impl Source {
                 procedural::NAMES.join(", ")
             )))
             .at(path),
-            Request::Path(path) if is_capture(path) => {
+            Request::Path(path) if CaptureFile::is_at(path) => {
                 let file = CaptureFile::open(path, &how.keys)?;
                 let [height, width] = [file.recording.height, file.recording.width];
                 let truth = how.truth.as_ref().map(|path| truth(path, [file.frames, height, width]));
@@ -154,15 +153,6 @@ impl Source {
             Self::Plain(video) => Some(video.frames),
         }
     }
-}
-
-/// Whether `path` holds a capture: an array of counts, where a video has floating-point numbers.
-fn is_capture(path: &Path) -> bool {
-    if path.is_dir() {
-        return path.join("capture.npy").exists();
-    }
-    let array = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npy"));
-    array && CountsReader::open(path).is_ok()
 }
 
 /// The ground truth of a capture.

@@ -80,7 +80,7 @@ const MUTANTS: [Mutant; 19] = [
     },
     Mutant {
         what: "held read-outs are taken at the wrong phase",
-        file: "src/sensor/recording.rs",
+        file: "src/sensor/covering.rs",
         sound: "(pixel.covering(schedule).end() - schedule)",
         faulty: "(pixel.covering(schedule + 1).end() - schedule)",
         test: ["synthesis", "hold_equals_covering"],
@@ -136,14 +136,14 @@ const MUTANTS: [Mutant; 19] = [
     },
     Mutant {
         what: "an array's declared size is not held against its file",
-        file: "src/video/npy.rs",
+        file: "src/video/npy/file.rs",
         sound: "if declared.map(|n| n as u64) != Some(data_len) {",
         faulty: "if declared.is_none() {",
         test: ["lib", "video::npy::tests::wrong_headers_are_refused_with_the_cause"],
     },
     Mutant {
         what: "a result with holes counts as complete",
-        file: "src/video/folder.rs",
+        file: "src/video/folder/writer.rs",
         sound: "(0..self.pushed).find(|&t| !self.folder",
         faulty: "(0..0).find(|&t| !self.folder",
         test: ["faults", "a_picture_is_removed"],

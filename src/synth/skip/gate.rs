@@ -11,6 +11,7 @@
 //! window in which everything had to be computed, the next one is, too, without a question.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -18,9 +19,10 @@ use super::cells::{Active, Cells};
 use super::noise::Scatter;
 use super::reference::Reference;
 use super::tally::Skipped;
+use crate::frame::Frame;
 use crate::network::Window;
 use crate::sensor::{Calibration, Recording};
-use crate::synth::footage::{Frame, Seen};
+use crate::synth::footage::Seen;
 
 /// Part of the allowed error that the pixel values may change by; the rest is for what nets make more of it.
 const INPUT_SHARE: f64 = 0.75;
@@ -240,12 +242,12 @@ impl<'a> Gate<'a> {
     }
 
     /// Pairs of frames at the same phase of the pattern, of which both were recorded, with the later one's time.
-    fn pairs(&self, seen: &Seen<'_>, recorded: &Range<i64>) -> Vec<(Frame, Frame, i64)> {
+    fn pairs(&self, seen: &Seen<'_>, recorded: &Range<i64>) -> Vec<(Arc<Frame>, Arc<Frame>, i64)> {
         let before = |t: i64| t - self.cells.repeat as i64;
         recorded
             .clone()
             .filter(|&t| before(t) >= self.recording.info.schedule_start)
-            .map(|t| (Frame::clone(seen.at(before(t))), Frame::clone(seen.at(t)), t))
+            .map(|t| (Arc::clone(seen.frame(before(t))), Arc::clone(seen.frame(t)), t))
             .collect()
     }
 

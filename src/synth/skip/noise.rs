@@ -1,8 +1,10 @@
 //! How much a pixel value scatters when nothing changes.
 
+use std::sync::Arc;
+
 use super::cells::Cells;
+use crate::frame::Frame;
 use crate::sensor::{Readouts, Recording};
-use crate::synth::footage::Frame;
 
 /// Entries of tables over the pixel value y = i/(n − 1).
 pub const LEVELS: usize = 1024;
@@ -66,7 +68,7 @@ impl Scatter {
     /// plus whatever the scene changed there. The lower quartile of the groups of about equal level is taken, so
     /// that up to three quarters of a scene may move; χ² tells how far that lies below the variance itself.
     pub fn estimated(
-        pairs: &[(Frame, Frame, i64)],
+        pairs: &[(Arc<Frame>, Arc<Frame>, i64)],
         cells: &Cells,
         readouts: &Readouts,
         recording: &Recording,
@@ -81,7 +83,7 @@ impl Scatter {
                 let row = y / PATCH[0] * columns;
                 for x in 0..cells.width {
                     let Some(kind) = readouts.beginning(*t, y, x) else { continue };
-                    let [a, b] = [earlier, later].map(|frame| f64::from(frame[y * cells.width + x]));
+                    let [a, b] = [earlier, later].map(|frame| f64::from(frame.values()[y * cells.width + x]));
                     let sum = &mut sums[(row + x / PATCH[1]) * kinds + kind];
                     *sum = (sum.0 + b, sum.1 + (a - b) * (a - b), sum.2 + 1);
                 }

@@ -1,0 +1,24 @@
+//! Folders of EXR pictures, one a frame.
+
+mod names;
+mod pictures;
+mod pool;
+#[cfg(test)]
+mod tests;
+mod working;
+mod writer;
+
+pub use pictures::{Pictures, read};
+pub(super) use working::remove_partial;
+
+use super::format::Format;
+
+/// Folders, which are told by what is there, or by a name without an ending.
+pub(super) const FORMAT: Format = Format {
+    name: "a folder of .exr pictures",
+    endings: &[],
+    single: false,
+    open: |path| Ok(Box::new(Pictures::open(path)?)),
+    begin: Some(writer::begin),
+    counts: None,
+};

@@ -1,0 +1,102 @@
+//! The numbers of a NumPy file.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::Path;
+
+use super::super::VideoError;
+use super::super::pixels::reserve;
+use super::header::{Header, element_count, read_header};
+use crate::Result;
+
+/// A file whose header has been read and whose length is right.
+#[derive(Debug)]
+pub(super) struct Npy {
+    pub header: Header,
+    content: BufReader<File>,
+    /// Where the numbers begin in the file.
+    begin: u64,
+}
+
+impl Npy {
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path)?;
+        let meta = file.metadata()?;
+        if !meta.is_file() {
+            return Err(VideoError::Format("is not a file".into()).into());
+        }
+        let mut content = BufReader::with_capacity(1 << 20, file);
+        let (header, begin) = read_header(&mut content)?;
+        let data_len = meta.len().saturating_sub(begin);
+        let declared = element_count(&header.shape).and_then(|n| n.checked_mul(header.kind.bytes()));
+        if declared.map(|n| n as u64) != Some(data_len) {
+            let Header { shape, kind, .. } = &header;
+            let kind = kind.descr();
+            return Err(VideoError::Format(format!(
+                "its header promises {shape:?} of '{kind}', but {data_len} bytes follow; is it truncated?"
+            ))
+            .into());
+        }
+        if data_len == 0 {
+            return Err(VideoError::Shape(format!("is empty: its shape is {:?}", header.shape)).into());
+        }
+        Ok(Self { header, content, begin })
+    }
+
+    /// All values in C order.
+    pub fn values<const N: usize, T: Copy + Default>(
+        &mut self,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<Vec<T>> {
+        let values = self.next(self.header.shape.iter().product(), value)?;
+        Ok(if self.header.fortran_order { c_order(&values, &self.header.shape)? } else { values })
+    }
+
+    /// `len` values of a file in C order, from value number `first` on.
+    pub fn values_at<const N: usize, T: Copy + Default>(
+        &mut self,
+        first: usize,
+        len: usize,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<Vec<T>> {
+        let (wanted, here) = (self.begin + (first * N) as u64, self.content.stream_position()?);
+        self.content.seek_relative(wanted as i64 - here as i64)?;
+        self.next(len, value)
+    }
+
+    /// The next `left` values in the file's order.
+    fn next<const N: usize, T: Copy + Default>(
+        &mut self,
+        mut left: usize,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<Vec<T>> {
+        // One block of whole numbers at a time, so that the bytes are never all in memory beside the values.
+        let mut block = vec![[0_u8; N]; left.min((1 << 18) / N)];
+        let mut values = reserve(left)?;
+        while left > 0 {
+            let part = left.min(block.len());
+            self.content.read_exact(block[..part].as_flattened_mut())?;
+            values.extend(block[..part].iter().map(|&bytes| value(bytes)));
+            left -= part;
+        }
+        Ok(values)
+    }
+}
+
+/// Values in Fortran order (first axis fastest), put into C order.
+fn c_order<T: Copy>(values: &[T], shape: &[usize]) -> Result<Vec<T>> {
+    let mut ordered = reserve(values.len())?;
+    let mut place = vec![0; shape.len()];
+    for _ in 0..values.len() {
+        let at = place.iter().zip(shape).rev().fold(0, |at, (&i, &n)| at * n + i);
+        ordered.push(values[at]);
+        for (i, &n) in place.iter_mut().zip(shape).rev() {
+            *i += 1;
+            if *i < n {
+                break;
+            }
+            *i = 0;
+        }
+    }
+    Ok(ordered)
+}
