@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 19] = [
+const MUTANTS: [Mutant; 20] = [
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",
@@ -63,6 +63,13 @@ const MUTANTS: [Mutant; 19] = [
         sound: "let wanted = all.frames(all.shape.t - graph.window.hop - count, count);",
         faulty: "let wanted = all.frames((all.shape.t - graph.window.hop - count).saturating_sub(1), count);",
         test: ["cpu_executor", "a_window_that_follows_computes_what_is_new_and_the_same"],
+    },
+    Mutant {
+        what: "a pedestal keeps no noise below black",
+        file: "src/sensor/sampler.rs",
+        sound: "let below_black = x < 0.0 && self.black_level > 0;",
+        faulty: "let below_black = false;",
+        test: ["lib", "a_pedestal_keeps_noise_below_black"],
     },
     Mutant {
         what: "tiles see half of what results depend on",
