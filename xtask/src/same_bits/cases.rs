@@ -137,7 +137,8 @@ fn ways(small: &str) -> Vec<String> {
         "--weights tiny --ensemble 8 --skip bounded --tile 24",
     ];
     let mut lines: Vec<String> = ways.iter().map(|how| format!("{synth} {how}")).collect();
-    lines.extend(NETS.map(|net| format!("{synth} --weights {net} --tile 24 --hop 16")));
+    lines.extend(["tiny", "fast"].map(|net| format!("{synth} --weights {net} --tile 24 --hop 16")));
+    lines.extend(["large", "paper-narrow"].map(|net| format!("{synth} --weights {net} --tile 24")));
     lines.push(format!("{synth}.npy --weights tiny"));
     lines.push(format!("{synth}.npy --weights tiny --half"));
     let array = small.replace('}', "/capture.npy}");
