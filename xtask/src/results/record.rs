@@ -102,7 +102,10 @@ fn read(path: &Path) -> Result<Record> {
 pub fn record(root: &Path, program: &Path, name: &str, arguments: &[String]) -> Result<PathBuf> {
     let path = root.join(FOLDER).join(format!("{name}.json"));
     let before = if path.is_file() { Some(read(&path)?) } else { None };
-    if !git(root, &["status", "--porcelain", "--untracked-files=no"])?.is_empty() {
+    // Other records and the tables made from them may be new.
+    let code =
+        ["status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)docs", ":(exclude)README.md"];
+    if !git(root, &code)?.is_empty() {
         return Err("a record names the commit that it measures: commit your changes first".into());
     }
     let output = Command::new(program)
