@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pix2hdr::cpu::evaluate;
-use pix2hdr::network::{Activation, Convolution, ConvolutionStep, Kernel, Layer, Shape, Tensor};
+use pix2hdr::network::{Activation, Convolution, ConvolutionStep, Direction, Kernel, Layer, Shape, Tensor};
 use pix2hdr::sensor::Calibration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -57,6 +57,7 @@ impl Case {
             norm: Some((values(out_channels), values(out_channels))),
         };
         let step = ConvolutionStep {
+            direction: if self.transposed { Direction::Transposed } else { Direction::Forward },
             kernel: self.convolution.kernel,
             stride: self.convolution.stride,
             padding: self.convolution.padding(self.transposed),
@@ -125,8 +126,7 @@ fn check(cases: &[Case]) {
         let (x, added, step, output) = case.random(seed as u64);
         let expected = naive(&step, case.transposed, &x, &added, output);
         let step = Arc::new(step);
-        let kernel = if case.transposed { Kernel::ConvTranspose3d(step) } else { Kernel::Conv3d(step) };
-        let actual = evaluate(&kernel, &[x, added], output, &no_camera(), 0);
+        let actual = evaluate(&Kernel::Convolution(step), &[x, added], output, &no_camera(), 0);
         for (index, (a, e)) in actual.data.iter().zip(&expected.data).enumerate() {
             assert!(
                 (a - e).abs() < 1e-11,

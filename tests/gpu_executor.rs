@@ -5,7 +5,7 @@ mod support;
 use pix2hdr::Error;
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Options, Variant, adapters};
-use pix2hdr::network::{Executor, Layer, Model, Plan, Precision, presets};
+use pix2hdr::network::{Executor, Layer, Model, Plan, Precision, Step, presets};
 use support::{calibration, gpu, measurement, plan, variants};
 
 fn model(preset: &str) -> Model {
@@ -206,7 +206,8 @@ fn changed(preset: &str, change: impl Fn(&mut Layer)) -> Model {
 fn the_trunk_stays_f32() {
     let reduced = |preset: &str| -> Vec<String> {
         let plan = Plan::lower(&model(preset), 16, 32).unwrap();
-        plan.steps.iter().filter(|step| !step.full_precision).map(|step| step.name.clone()).collect()
+        let reduced = |step: &&Step| !plan.tensors[step.output.tensor.0].full_precision;
+        plan.steps.iter().filter(reduced).map(|step| step.name.clone()).collect()
     };
     assert_eq!(reduced("tiny"), ["level1block1a", "level1block2a", "fine"]);
     let paper = reduced("paper-narrow");

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use crate::gpu::{Format, StepFormats, Storage};
+use crate::gpu::{Format, Formats};
 use crate::network::{Kernel, Plan, Precision, Step};
 
 /// What an executor's hardware can do at most, as small programs that do nothing else measure it.
@@ -42,9 +42,9 @@ pub struct Floors {
 
 impl Work {
     /// Of one step, whose tensors are stored in `formats`.
-    pub fn of_step(step: &Step, formats: &StepFormats) -> Self {
-        let views = step.inputs.iter().zip(&formats.inputs).chain([(&step.output, &formats.output)]);
-        let tensors: usize = views.map(|(view, format)| view.shape.len() * format.bytes()).sum();
+    pub fn of_step(step: &Step, formats: &Formats) -> Self {
+        let views = step.inputs.iter().chain([&step.output]);
+        let tensors: usize = views.map(|view| view.shape.len() * formats.of(view).bytes()).sum();
         let bytes = tensors + weights(&step.kernel) * formats.weights.bytes();
         Self { flop: step.flop(), bytes: bytes as f64 }
     }
@@ -57,9 +57,8 @@ impl Work {
 
     /// Of all steps of a plan, one after the other.
     pub fn of_plan(plan: &Plan, precision: Precision) -> Self {
-        let formats = Storage::new(plan, precision).steps;
-        let steps =
-            plan.usual_steps().iter().zip(&formats).map(|(step, formats)| Self::of_step(step, formats));
+        let formats = Formats::new(plan, precision);
+        let steps = plan.usual_steps().iter().map(|step| Self::of_step(step, &formats));
         steps.fold(Self::default(), Self::and)
     }
 
@@ -112,13 +111,10 @@ impl Peak {
 
 /// Values of a kernel's weights, bias, scale and shift.
 fn weights(kernel: &Kernel) -> usize {
-    match kernel {
-        Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv) => {
-            let norm = conv.layer.norm.as_ref().map_or(0, |(scale, shift)| scale.len() + shift.len());
-            conv.layer.weight.len() + conv.layer.bias.len() + norm
-        }
-        _ => 0,
-    }
+    kernel.convolution().map_or(0, |conv| {
+        let norm = conv.layer.norm.as_ref().map_or(0, |(scale, shift)| scale.len() + shift.len());
+        conv.layer.weight.len() + conv.layer.bias.len() + norm
+    })
 }
 
 #[cfg(test)]
@@ -150,8 +146,7 @@ mod tests {
         let plan = plan();
         let pixels = 2 * 4 * 8;
         let index = plan.steps.iter().position(|step| step.name == "layer").unwrap();
-        let of_layer =
-            |precision| Work::of_step(&plan.steps[index], &Storage::new(&plan, precision).steps[index]);
+        let of_layer = |precision| Work::of_step(&plan.steps[index], &Formats::new(&plan, precision));
         let layer = of_layer(Precision::F32);
         assert_eq!(layer.flop, (2 * pixels * 9 * 3 * 5) as f64);
         assert_eq!(layer.bytes, (4 * (pixels * (3 + 5) + 9 * 3 * 5 + 5)) as f64);

@@ -10,7 +10,7 @@ use super::floors::Work;
 use super::samples::repeat;
 use super::{Clip, Floors, Oracle, Peak, Samples, machine};
 use crate::Result;
-use crate::gpu::{self, GpuExecutor, Storage, Variant};
+use crate::gpu::{self, Formats, GpuExecutor, Variant};
 use crate::network::{Executor, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
@@ -339,7 +339,7 @@ impl Case<'_> {
         };
         let times = repeat(self.effort.patience, || executor.time_steps(&measurement.data, schedule))?;
         let per_frame = |seconds: f64| 1e3 * seconds * *count as f64 / plan.window.hop as f64;
-        let formats = Storage::new(plan, self.backend.precision()).steps;
+        let formats = Formats::new(plan, self.backend.precision());
         // A layer may be computed in several steps.
         let mut names: Vec<&str> = plan.usual_steps().iter().map(|step| step.name.as_str()).collect();
         let mut known = HashSet::new();
@@ -349,7 +349,7 @@ impl Case<'_> {
             let (_, step) = steps().next()?;
             let time = |times: &Vec<Duration>| steps().map(|(index, _)| times[index]).sum::<Duration>();
             let shortest = times.iter().map(time).min().unwrap_or_default().as_secs_f64();
-            let work = steps().map(|(index, step)| Work::of_step(step, &formats[index]));
+            let work = steps().map(|(_, step)| Work::of_step(step, &formats));
             let work = work.fold(Work::default(), Work::and);
             let frames = steps().map(|(_, step)| step.output.shape.t).sum();
             let roofline = self.peak.roofline(work);
@@ -390,7 +390,7 @@ struct Inference {
 impl Tile {
     /// Bytes of all slots.
     fn slot_bytes(&self, precision: Precision) -> u64 {
-        Storage::new(&self.plan, precision).slot_bytes.iter().map(|&bytes| bytes as u64).sum()
+        Formats::new(&self.plan, precision).slot_bytes.iter().map(|&bytes| bytes as u64).sum()
     }
 
     /// Time of all tiles of this size in one window.

@@ -10,10 +10,11 @@ use std::sync::Arc;
 use super::blend::{Along, Blend, Inputs};
 use super::camera::{Camera, inverse_response};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{Simd, box_estimate, conv_transpose3d, conv3d, evaluate, features};
+use super::{Simd, box_estimate, evaluate, features, pack};
 use crate::Result;
 use crate::network::{
-    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, Precision, Step, Tensor,
+    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, PlannedTensor, Precision,
+    Step, Tensor,
 };
 use crate::sensor::Calibration;
 
@@ -37,13 +38,13 @@ impl Storage {
     /// Everything is f32.
     pub const FULL: Self = Self { weights: F32, output: F32 };
 
-    /// What an executor of this precision stores of `step`.
-    pub fn of(step: &Step, precision: Precision) -> Self {
+    /// What an executor of this precision stores of a step that writes to `tensor`.
+    pub fn of(tensor: &PlannedTensor, precision: Precision) -> Self {
         let reduced = match precision {
             Precision::F32 => F32,
             Precision::F16 => F16,
         };
-        Self { weights: reduced, output: if step.full_precision { F32 } else { reduced } }
+        Self { weights: reduced, output: if tensor.full_precision { F32 } else { reduced } }
     }
 }
 
@@ -115,8 +116,8 @@ pub fn bound(
                 }
             }
         }
-        Kernel::Conv3d(step) | Kernel::ConvTranspose3d(step) => {
-            error = convolution_error(kernel, step, inputs, output, storage.weights);
+        Kernel::Convolution(step) => {
+            error = convolution_error(step, inputs, output, storage.weights);
         }
         Kernel::InverseResponse { exposures } => {
             let n = exposures.len();
@@ -233,11 +234,12 @@ pub fn step_errors(
     precision: Precision,
 ) -> Result<Vec<StepError>> {
     let mut errors = Vec::new();
+    let tensors = executor.plan().tensors.clone();
     let mut visit = |step: &Step, inputs: &[Tensor], output: &Tensor| {
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
         let schedule = step.schedule(schedule);
         let exact = evaluate(&step.kernel, &inputs, output.shape, calibration, schedule);
-        let storage = Storage::of(step, precision);
+        let storage = Storage::of(&tensors[step.output.tensor.0], precision);
         let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
         let fraction = largest_fraction(output, &exact, &bound);
         let magnitude = output.data.iter().map(|v| v.abs()).fold(0.0, f32::max);
@@ -262,19 +264,17 @@ fn smallest_normal(storage: f64) -> f64 {
 
 /// Error of a convolution and its epilogue, with weights of unit round-off `storage`.
 fn convolution_error(
-    kernel: &Kernel,
     step: &ConvolutionStep,
     inputs: &[Tensor<f64>],
     output: &Tensor<f64>,
     storage: f64,
 ) -> Tensor<f64> {
     // |W| ∗ |x| + |bias|. Weights that storage may round as if they were larger count as that.
-    let transposed = matches!(kernel, Kernel::ConvTranspose3d(_));
     let relative = if storage > F32 { 2f32.powi(-28) } else { 0.0 };
-    let least = step.largest_weights(transposed);
-    let least: Vec<f32> = least.into_iter().map(|w| (relative * w).max(f32::MIN_POSITIVE)).collect();
+    let largest = step.largest_weights();
+    let least: Vec<f32> = largest.into_iter().map(|w| (relative * w).max(f32::MIN_POSITIVE)).collect();
     let magnitude = |(index, weight): (usize, &f32)| {
-        let [_, out, _] = step.place_of(index, transposed);
+        let [_, out, _] = step.place_of(index);
         if *weight == 0.0 { 0.0 } else { weight.abs().max(least[out]) }
     };
     let absolute = ConvolutionStep {
@@ -286,10 +286,7 @@ fn convolution_error(
         }),
         ..*step
     };
-    let packed = match kernel {
-        Kernel::ConvTranspose3d(_) => conv_transpose3d::pack::<f64>(&absolute, Simd::widest()),
-        _ => conv3d::pack(&absolute, Simd::widest()),
-    };
+    let packed = pack::<f64>(&absolute, Simd::widest());
     let mut error = Tensor::filled(output.shape, 0.0);
     let magnitudes = inputs[0].map(|x| x.abs());
     packed.run(

@@ -10,7 +10,9 @@ use rayon::prelude::*;
 use super::convolution::Packed;
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
-use crate::network::{Carry, Executor, Following, Kernel, Plan, Run, Step, Tensor, View, WindowTime};
+use crate::network::{
+    Carry, ConvolutionStep, Executor, Following, Plan, Run, Step, Tensor, View, WindowTime,
+};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -45,7 +47,7 @@ pub struct Shared<R> {
 }
 
 /// Packed weights by the name of the step and its padding, in which pieces differ, with what they were packed from.
-type Weights<R> = HashMap<(String, [usize; 3]), (Kernel, Arc<Packed<R>>)>;
+type Weights<R> = HashMap<(String, [usize; 3]), (Arc<ConvolutionStep>, Arc<Packed<R>>)>;
 
 /// What one window is computed in. Slots are as long as the largest plan needs. No result depends on what another
 /// tensor or window left there, all of which is finite.
@@ -77,17 +79,17 @@ impl<R> Default for Shared<R> {
 impl<R: Real> Shared<R> {
     /// The packed weights of a step that has some.
     fn packed(&self, step: &Step, simd: Simd) -> Option<Arc<Packed<R>>> {
-        let (Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv)) = &step.kernel else { return None };
+        let conv = step.kernel.convolution()?;
         let key = (step.name.clone(), conv.padding);
         let mut weights = self.weights.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((kernel, packed)) = weights.get(&key)
+        if let Some((known, packed)) = weights.get(&key)
             && packed.simd() == simd
-            && kernel.same_convolution(&step.kernel)
+            && known.is_same(conv)
         {
             return Some(Arc::clone(packed));
         }
-        let packed = Arc::new(pack(&step.kernel, simd)?);
-        weights.insert(key, (step.kernel.clone(), Arc::clone(&packed)));
+        let packed = Arc::new(pack(conv, simd));
+        weights.insert(key, (Arc::clone(conv), Arc::clone(&packed)));
         Some(packed)
     }
 
@@ -353,6 +355,10 @@ impl<R: Real> Memory<R> {
 }
 
 impl<R: Real> Executor for CpuExecutor<R> {
+    fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
         self.submit(measurement, schedule)?;
@@ -421,11 +427,4 @@ impl<R: Real> Executor for CpuExecutor<R> {
     fn describe(&self) -> String {
         format!("cpu, {} threads, {}, {}", rayon::current_num_threads(), R::NAME, self.simd.name())
     }
-}
-
-fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {
-    if len == wanted {
-        return Ok(());
-    }
-    Err(Error::Misuse(format!("{what} has {len} values, the plan wants {wanted}")))
 }

@@ -29,7 +29,7 @@ pub use gemm::peak;
 pub use real::Real;
 pub use simd::Simd;
 
-use crate::network::{Kernel, Shape, Tensor};
+use crate::network::{ConvolutionStep, Direction, Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
 use blend::{Blend, Inputs};
 use camera::Camera;
@@ -48,19 +48,18 @@ pub fn evaluate<R: Real>(
     schedule: i64,
 ) -> Tensor<R> {
     let mut output = Tensor::filled(output_shape, R::ZERO);
-    let packed = pack(kernel, Simd::widest());
+    let packed = kernel.convolution().map(|step| pack(step, Simd::widest()));
     let call =
         Call { kernel, packed: packed.as_ref(), calibration, schedule, scratch: &ScratchPool::default() };
     call.run(|i| inputs.get(i).map(TensorView::dense), TensorViewMut::dense(&mut output));
     output
 }
 
-/// The packed weights of a kernel that has some.
-fn pack<R: Real>(kernel: &Kernel, simd: Simd) -> Option<Packed<R>> {
-    match kernel {
-        Kernel::Conv3d(step) => Some(conv3d::pack(step, simd)),
-        Kernel::ConvTranspose3d(step) => Some(conv_transpose3d::pack(step, simd)),
-        _ => None,
+/// The packed weights of a convolution.
+fn pack<R: Real>(step: &ConvolutionStep, simd: Simd) -> Packed<R> {
+    match step.direction {
+        Direction::Forward => conv3d::pack(step, simd),
+        Direction::Transposed => conv_transpose3d::pack(step, simd),
     }
 }
 
@@ -86,7 +85,7 @@ impl<R: Real> Call<'_, R> {
                 let features = features::Features { channels, block: *block, lead: *lead };
                 features.run([wanted(0), wanted(1)], input(2), output, camera, scratch);
             }
-            Kernel::Conv3d(_) | Kernel::ConvTranspose3d(_) => {
+            Kernel::Convolution(_) => {
                 let packed = packed.expect("convolutions are packed");
                 packed.run(wanted(0), input(1), output, scratch);
             }

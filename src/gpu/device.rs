@@ -10,7 +10,7 @@ use super::kernels::WORKGROUP_SIZE;
 use super::variant::{Abilities, Variant};
 use super::{Adapter, AdapterChoice, GpuError, Results};
 
-/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`Storage::zeros_bytes`).
+/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`Formats::zeros_bytes`).
 const MAX_ZEROS: u64 = 1 << 16;
 /// How often a device that is shared with a window is asked whether a window of frames is done.
 const GLANCE: Duration = Duration::from_micros(200);

@@ -14,12 +14,12 @@ use wgpu::BufferUsages;
 
 use self::download::Download;
 use self::record::{Builder, Recorded, record};
-use super::storage::{Format, Storage};
+use super::storage::{Format, Formats};
 use super::tune::Tuning;
 use super::variant::Variant;
 use super::weights::loaded;
 use super::{Gpu, GpuError};
-use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime};
+use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime, check_len};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -36,12 +36,12 @@ pub struct GpuExecutor {
     gpu: Gpu,
     plan: Plan,
     precision: Precision,
-    storage: Storage,
+    formats: Formats,
     slots: Vec<wgpu::Buffer>,
     steps: Vec<Recorded>,
     /// What f16 could not hold, by step.
     overflow: wgpu::Buffer,
-    /// The power of two in which each tensor is stored, by its number in `storage`.
+    /// The power of two in which each tensor is stored.
     units: Vec<f32>,
     /// Uniform buffer with the schedule time in the pattern's period.
     schedule: wgpu::Buffer,
@@ -97,15 +97,15 @@ impl GpuExecutor {
         if let Some(variant) = options.variant.filter(|&variant| !gpu.supports(variant)) {
             return Err(GpuError::Failed(format!("{} cannot run {variant:?}", gpu.name())));
         }
-        let storage = Storage::new(&plan, options.precision);
+        let formats = Formats::new(&plan, options.precision);
         // Padding is read from zeros behind each slot's values, which nothing writes.
         let mut zeros = vec![0; plan.slots.len()];
         for step in &plan.steps {
             let slot = step.inputs[0].slot;
-            zeros[slot] = Storage::zeros_bytes(step).max(zeros[slot]);
+            zeros[slot] = Formats::zeros_bytes(step).max(zeros[slot]);
         }
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let slots = storage.slot_bytes.iter().zip(zeros).enumerate().map(|(index, (&bytes, zeros))| {
+        let slots = formats.slot_bytes.iter().zip(zeros).enumerate().map(|(index, (&bytes, zeros))| {
             gpu.buffer(&format!("slot {index} of '{}'", plan.name), (bytes + zeros).max(16) as u64, usage)
         });
         let slots = slots.collect::<Result<Vec<_>, _>>()?;
@@ -113,7 +113,7 @@ impl GpuExecutor {
             gpu.buffer("reports of overflow", plan.steps.len().max(1) as u64 * OVERFLOW_STRIDE, usage)?;
         let schedule = gpu.buffer("schedule", 16, BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
         let mut builder =
-            Builder::new(gpu, &storage, &slots, [&overflow, &schedule], calibration, options.variant)?;
+            Builder::new(gpu, &formats, &slots, [&overflow, &schedule], calibration, options.variant)?;
         let mut tuning = options.tuned_in.and_then(|folder| Tuning::open(gpu, folder));
         let steps = plan
             .steps
@@ -128,8 +128,8 @@ impl GpuExecutor {
         Ok(Self {
             gpu: gpu.clone(),
             precision: options.precision,
-            units: vec![1.0; storage.tensors],
-            storage,
+            units: vec![1.0; plan.tensors.len()],
+            formats,
             slots,
             steps,
             overflow,
@@ -140,11 +140,6 @@ impl GpuExecutor {
             in_flight: VecDeque::new(),
             plan,
         })
-    }
-
-    /// The plan that is run.
-    pub fn plan(&self) -> &Plan {
-        &self.plan
     }
 
     /// Starts to compute a window: as [`Executor::run`], but returns while the GPU works. At most
@@ -191,11 +186,11 @@ impl GpuExecutor {
         }
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
-            None => self.staging(&view, Format::F32, reports)?,
+            None => self.staging(&view, reports)?,
         };
         encoder.copy_buffer_to_buffer(&self.overflow, 0, &buffer, buffer.size() - reports, reports);
-        let (download, submission) = self.download(view, Format::F32, 1.0, buffer, encoder);
-        let limited = self.storage.steps.iter().any(|step| step.output == Format::F16);
+        let (download, submission) = self.download(view, buffer, encoder);
+        let limited = self.plan.steps.iter().any(|step| self.formats.of(&step.output) == Format::F16);
         let window = limited.then(|| (self.upload.clone(), schedule));
         Ok(InFlight { download, submission, window })
     }
@@ -254,6 +249,10 @@ impl GpuExecutor {
 }
 
 impl Executor for GpuExecutor {
+    fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
         if !self.in_flight.is_empty() {
@@ -285,12 +284,8 @@ impl Executor for GpuExecutor {
         for (index, step) in self.plan.steps.iter().enumerate() {
             self.step(index);
             // A step does not write what it reads, so the inputs are still there.
-            let formats = &self.storage.steps[index];
-            let inputs = step.inputs.iter().zip(&formats.inputs).zip(&formats.input_tensors);
-            let inputs = inputs
-                .map(|((view, &format), &number)| self.tensor(view, format, number))
-                .collect::<Result<Vec<_>, _>>()?;
-            visit(step, &inputs, &self.tensor(&step.output, formats.output, formats.output_tensor)?);
+            let inputs = step.inputs.iter().map(|view| self.tensor(view)).collect::<Result<Vec<_>, _>>()?;
+            visit(step, &inputs, &self.tensor(&step.output)?);
         }
         Ok(())
     }
@@ -310,15 +305,7 @@ impl Executor for GpuExecutor {
     }
 
     fn rescaled(&self) -> Vec<(String, f32)> {
-        let steps = self.plan.steps.iter().zip(&self.storage.steps);
-        let units = steps.map(|(step, formats)| (step.name.clone(), self.units[formats.output_tensor]));
+        let units = self.plan.steps.iter().map(|step| (step.name.clone(), self.units[step.output.tensor.0]));
         units.filter(|(_, unit)| *unit > 1.0).collect()
     }
-}
-
-fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {
-    if len == wanted {
-        return Ok(());
-    }
-    Err(Error::Misuse(format!("{what} has {len} values, the plan wants {wanted}")))
 }

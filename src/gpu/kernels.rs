@@ -12,10 +12,12 @@ use std::fmt::Write;
 use std::ops::Range;
 
 use super::GpuError;
-use super::storage::{Format, LARGEST_F16, StepFormats};
+use super::storage::{Format, Formats, LARGEST_F16};
 use super::variant::{Abilities, Extent, Variant};
 use super::weights::{Packing, Terms, pack, stored, weight_units};
-use crate::network::{Activation, Channel, ConvolutionStep, Feature, Kernel, MU, SATURATED, Step, View};
+use crate::network::{
+    Activation, Channel, ConvolutionStep, Direction, Feature, Kernel, MU, SATURATED, Step, View,
+};
 use crate::sensor::Calibration;
 
 /// Invocations of a workgroup.
@@ -118,24 +120,20 @@ pub(super) struct Target {
 }
 
 impl Call {
-    /// Specialises the shader of `step`. `slot_bytes` are the sizes of the plan's slots without zeros.
+    /// Specialises the shader of `step`, whose tensors are stored in `formats`.
     pub fn new(
         step: &Step,
-        formats: &StepFormats,
-        slot_bytes: &[usize],
+        formats: &Formats,
         calibration: &Calibration,
         target: Target,
     ) -> Result<Self, GpuError> {
         let shader = shader(&step.kernel);
         let mut inputs = step.inputs.clone();
         inputs.resize(shader.inputs.len(), inputs[0]);
-        let mut input_formats = formats.inputs.clone();
-        input_formats.resize(inputs.len(), input_formats[0]);
         let mut header = Header::default();
-        for ((name, view), &format) in shader.inputs.iter().zip(&inputs).zip(&input_formats) {
-            header.view(name, view, format, slot_bytes[view.slot])?;
+        for (name, view) in shader.inputs.iter().zip(&inputs).chain([(&"OUTPUT", &step.output)]) {
+            header.view(name, view, formats.of(view), formats.slot_bytes[view.slot])?;
         }
-        header.view("OUTPUT", &step.output, formats.output, slot_bytes[step.output.slot])?;
         header.float("SATURATED", SATURATED);
         header.float("MU", MU);
         header.float("LN_1P_MU", MU.ln_1p());
@@ -159,11 +157,12 @@ impl Call {
                 header.features(channels);
                 output.pixels() * output_vectors
             }
-            Kernel::Conv3d(conv) | Kernel::ConvTranspose3d(conv) => {
-                let transposed = matches!(step.kernel, Kernel::ConvTranspose3d(_));
+            Kernel::Convolution(conv) => {
                 // The pixels that blocks lie in: of a transposed convolution those of its input, for each phase.
-                let (shape, phases) =
-                    if transposed { (inputs[0].shape, conv.stride.iter().product()) } else { (output, 1) };
+                let (shape, phases) = match conv.direction {
+                    Direction::Forward => (output, 1),
+                    Direction::Transposed => (inputs[0].shape, conv.stride.iter().product()),
+                };
                 let extent =
                     Extent { frames: phases * shape.t, frame: shape.y * shape.x, vectors: output_vectors };
                 layer = Some(extent);
@@ -174,8 +173,8 @@ impl Call {
                 let groups = variant.groups(extent);
                 let packing = Packing { groups, vectors: variant.vectors, lanes: variant.lanes };
                 header.convolution(conv, step.inputs.len() > 1);
-                header.values("INPUT", input_formats[0], variant.wide);
-                header.values("ADDED", input_formats[1], variant.wide);
+                header.values("INPUT", formats.of(&inputs[0]), variant.wide);
+                header.values("ADDED", formats.of(&inputs[1]), variant.wide);
                 header.values("WEIGHTS", formats.weights, variant.wide);
                 header.int("PIXELS", variant.pixels);
                 header.int("LANES", variant.lanes);
@@ -185,10 +184,10 @@ impl Call {
                 header.int("FRAME", extent.frame);
                 header.int("TAP_WEIGHTS", packing.tap(conv.in_channels));
                 header.int("TERM_VECTORS", packing.out_vectors());
-                header.boolean("LIMITED", formats.output == Format::F16);
+                header.boolean("LIMITED", formats.of(&step.output) == Format::F16);
                 header.float("LIMIT", LARGEST_F16 as f64);
-                let units = weight_units(conv, transposed, formats.weights);
-                weights = stored(&pack(conv, transposed, packing, &units), formats.weights);
+                let units = weight_units(conv, formats.weights);
+                weights = stored(&pack(conv, packing, &units), formats.weights);
                 terms = Some(Terms::new(conv, packing, &units));
                 variant.teams(extent) * variant.lanes
             }

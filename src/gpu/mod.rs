@@ -18,7 +18,7 @@ pub use adapter::{Adapter, AdapterChoice, adapters};
 pub use device::Gpu;
 pub use executor::{Edit, GpuExecutor, Options};
 pub use results::{DeviceFrame, Results};
-pub use storage::{Format, StepFormats, Storage};
+pub use storage::{Format, Formats};
 pub use tune::cache_folder;
 pub use variant::Variant;
 

@@ -39,10 +39,10 @@ const LARGEST_EXPONENT: i32 = 14;
 
 /// The power of two in which the weights to each output channel are stored, so that `format` can hold them: the largest
 /// of them is about 2¹⁴ at f16. The epilogue multiplies by it.
-pub(super) fn weight_units(step: &ConvolutionStep, transposed: bool, format: Format) -> Vec<f32> {
+pub(super) fn weight_units(step: &ConvolutionStep, format: Format) -> Vec<f32> {
     match format {
         Format::F32 => vec![1.0; step.out_channels],
-        Format::F16 => step.largest_weights(transposed).into_iter().map(unit_of).collect(),
+        Format::F16 => step.largest_weights().into_iter().map(unit_of).collect(),
     }
 }
 
@@ -56,13 +56,13 @@ pub(super) fn unit_of(largest: f32) -> f32 {
 }
 
 /// Weights in that layout, each in the unit of its output channel, with zeros for the padding.
-pub(super) fn pack(step: &ConvolutionStep, transposed: bool, packing: Packing, units: &[f32]) -> Vec<f32> {
+pub(super) fn pack(step: &ConvolutionStep, packing: Packing, units: &[f32]) -> Vec<f32> {
     let taps: usize = step.kernel.iter().product();
     let Packing { groups, lanes, .. } = packing;
     let tap_vectors = packing.tap(step.in_channels);
     let mut packed = vec![0.0; 4 * taps * tap_vectors];
     for (index, &weight) in step.layer.weight.iter().enumerate() {
-        let [i, o, tap] = step.place_of(index, transposed);
+        let [i, o, tap] = step.place_of(index);
         let (group, row) = (o / 4 % groups, o / 4 / groups * 4 + i % 4);
         let load = i / 4 * packing.loads() + row / lanes;
         let vector = tap * tap_vectors + (load * groups + group) * lanes + row % lanes;
@@ -126,11 +126,12 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::network::{Activation, Layer};
+    use crate::network::{Activation, Direction, Layer};
 
     fn step(in_channels: usize, out_channels: usize, weight: Vec<f32>) -> ConvolutionStep {
         let bias = (1..=out_channels).map(|o| o as f32).collect();
         ConvolutionStep {
+            direction: Direction::Forward,
             kernel: [1, 1, 2],
             stride: [1; 3],
             padding: [0; 3],
@@ -151,8 +152,9 @@ mod tests {
         let padding = || std::iter::repeat_n(0.0, 8);
         let expected: Vec<f32> = tap(0).chain(padding()).chain(tap(1)).chain(padding()).collect();
         let units = [1.0; 3];
-        assert_eq!(pack(&step(2, 3, forward), false, packing, &units), expected);
-        assert_eq!(pack(&step(2, 3, transposed), true, packing, &units), expected);
+        assert_eq!(pack(&step(2, 3, forward), packing, &units), expected);
+        let transposed = ConvolutionStep { direction: Direction::Transposed, ..step(2, 3, transposed) };
+        assert_eq!(pack(&transposed, packing, &units), expected);
         let terms = Terms::new(&step(2, 3, vec![0.0; 12]), packing, &[8.0, 4.0, 0.5]);
         let rows = [[16.0, 8.0, 1.0, 0.0], [1.0, 2.0, 3.0, 0.0], [0.0; 4], [0.0; 4], [0.25; 4]];
         assert_eq!(terms.in_units(2.0, 4.0), rows.concat());
@@ -167,16 +169,16 @@ mod tests {
             // To two channels, from two channels, one tap of two: [out, in, tap].
             let weight = vec![a, -a / 3.0, a / 777.0, 0.0, -b, b / 3.0, b / 777.0, 0.0];
             let step = step(2, 2, weight.clone());
-            let units = weight_units(&step, false, Format::F16);
-            let packed = loaded(&stored(&pack(&step, false, packing, &units), Format::F16), Format::F16);
+            let units = weight_units(&step, Format::F16);
+            let packed = loaded(&stored(&pack(&step, packing, &units), Format::F16), Format::F16);
             for (index, weight) in weight.into_iter().enumerate() {
-                let [i, o, tap] = step.place_of(index, false);
+                let [i, o, tap] = step.place_of(index);
                 let back = f64::from(packed[16 * tap + 4 * i + o]) * f64::from(units[o]);
                 let error = (back - f64::from(weight)).abs();
                 assert!(error <= f64::from(weight.abs()) / 2048.0, "{back:e} for {weight:e}");
             }
         }
-        assert_eq!(weight_units(&step(1, 1, vec![0.0; 2]), false, Format::F16), [1.0]);
+        assert_eq!(weight_units(&step(1, 1, vec![0.0; 2]), Format::F16), [1.0]);
     }
 
     /// Every weight is where a lane of its group loads it, by the formula in the shader.
@@ -188,7 +190,7 @@ mod tests {
         for (groups, vectors, lanes) in [(3, 2, 1), (2, 3, 8), (1, 6, 32), (6, 1, 8)] {
             let packing = Packing { groups, vectors, lanes };
             let loads = (4 * vectors).div_ceil(lanes);
-            let packed = pack(&step, false, packing, &[1.0; 22]);
+            let packed = pack(&step, packing, &[1.0; 22]);
             for (index, &weight) in weight.iter().enumerate() {
                 let (o, i, tap) = (index / (2 * inputs), index / 2 % inputs, index % 2);
                 let (group, j) = (o / 4 % groups, o / 4 / groups);

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use super::{Step, Tensor};
-use crate::Result;
+use super::{Plan, Step, Tensor};
+use crate::{Error, Result};
 
 /// How long an executor computed.
 #[derive(Clone, Copy, Debug)]
@@ -34,8 +34,11 @@ impl Precision {
     }
 }
 
-/// Runs one [`Plan`](super::Plan), window after window.
+/// Runs one [`Plan`], window after window.
 pub trait Executor: Send {
+    /// The plan.
+    fn plan(&self) -> &Plan;
+
     /// Runs all steps on one window.
     ///
     /// `measurement` holds pixel values [frames, H, W] as the plan's measurement view wants them; `schedule`
@@ -83,4 +86,12 @@ pub trait Executor: Send {
     fn rescaled(&self) -> Vec<(String, f32)> {
         Vec::new()
     }
+}
+
+/// Refuses values of another number than a plan wants.
+pub(crate) fn check_len(what: &str, len: usize, wanted: usize) -> Result<()> {
+    if len == wanted {
+        return Ok(());
+    }
+    Err(Error::Misuse(format!("{what} has {len} values, the plan wants {wanted}")))
 }

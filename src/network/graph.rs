@@ -133,6 +133,15 @@ pub enum Feature {
     LogExposure,
 }
 
+/// Which way a convolution goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Result o is the sum over inputs o·stride − padding + tap.
+    Forward,
+    /// Input i adds to results i·stride − padding + tap.
+    Transposed,
+}
+
 /// Parameters of a convolution and its epilogue.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Convolution {

@@ -14,10 +14,13 @@ pub mod presets;
 mod slots;
 mod tensor;
 
+pub(crate) use executor::check_len;
 pub use executor::{Executor, Precision, WindowTime};
-pub use graph::{Activation, Block, Convolution, Feature, Graph, Node, Op, Tap, Window};
+pub use graph::{Activation, Block, Convolution, Direction, Feature, Graph, Node, Op, Tap, Window};
 pub use model::{Layer, Model, Trained};
-pub use plan::{Carry, Channel, ConvolutionStep, Following, Kernel, Plan, Run, Step, View};
+pub use plan::{
+    Carry, Channel, ConvolutionStep, Following, Kernel, Plan, PlannedTensor, Run, Step, TensorId, View,
+};
 pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;

@@ -6,21 +6,45 @@
 //! GPU. Where that keeps a tensor out of a concatenation, it is copied there.
 
 use std::collections::{HashMap, HashSet};
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 use super::graph::MEASUREMENT;
 use super::pieces::{Group, Piece};
-use super::slots::{Arrangement, Place, indices};
-use super::{Activation, Block, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape, Tap, Window};
+use super::slots::{Allocation, Arrangement, Kept, indices};
+use super::{
+    Activation, Block, Convolution, Direction, Feature, Graph, Layer, Model, NetworkError, Node, Op, Shape,
+    Tap, Window,
+};
 
 /// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
 const MAX_IDENTITIES: usize = 1 << 24;
 
-/// A tensor inside a slot.
+/// Number of a tensor in [`Plan::tensors`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TensorId(pub usize);
+
+/// A tensor of a plan: what is stored, whole, in one slot. The parts of a concatenation are views of one tensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlannedTensor {
+    /// Name of the node that it is the result of.
+    pub name: String,
+    /// Whether it is f32 at any precision of an executor (see [`full_precision`]).
+    pub full_precision: bool,
+    /// The slot that it lies in.
+    pub slot: usize,
+    /// Its values.
+    pub len: usize,
+    /// Its lifetime: the nodes of the graph from the first one that writes it to the last one that reads it.
+    pub lifetime: RangeInclusive<usize>,
+}
+
+/// A tensor, or a part of one, inside a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
-    /// Which slot.
+    /// Which tensor.
+    pub tensor: TensorId,
+    /// The tensor's slot.
     pub slot: usize,
     /// Value of the slot at which the first pixel's first channel lies.
     pub offset: usize,
@@ -48,7 +72,7 @@ impl View {
     }
 }
 
-/// What a step computes. One variant, one shader, one CPU twin.
+/// What a step computes.
 #[derive(Clone, Debug)]
 pub enum Kernel {
     /// Box filter: measurement → estimate.
@@ -64,10 +88,8 @@ pub enum Kernel {
         /// Frames of the log irradiance before the first block.
         lead: usize,
     },
-    /// Convolution and epilogue: x (, added) → channels.
-    Conv3d(Arc<ConvolutionStep>),
-    /// Transposed convolution and epilogue: x (, added) → channels.
-    ConvTranspose3d(Arc<ConvolutionStep>),
+    /// Convolution of either direction, and its epilogue: x (, added) → channels.
+    Convolution(Arc<ConvolutionStep>),
     /// Rendered pixel values → pixel values and irradiance.
     InverseResponse {
         /// Exposure of each channel, in frames.
@@ -93,27 +115,26 @@ impl Kernel {
             Self::BoxEstimate => "box_estimate",
             Self::LogIrradiance => "log_irradiance",
             Self::Features { .. } => "features",
-            Self::Conv3d(_) => "conv3d",
-            Self::ConvTranspose3d(_) => "conv_transpose3d",
+            Self::Convolution(step) => match step.direction {
+                Direction::Forward => "conv3d",
+                Direction::Transposed => "conv_transpose3d",
+            },
             Self::InverseResponse { .. } => "inverse_response",
             Self::Fuse => "fuse",
             Self::Blend { .. } => "blend",
         }
     }
 
-    /// Whether both are the same convolution with the same weights.
-    pub fn same_convolution(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Conv3d(a), Self::Conv3d(b)) | (Self::ConvTranspose3d(a), Self::ConvTranspose3d(b)) => {
-                // Models share layers, whose many weights need no comparing then.
-                let weights = Arc::ptr_eq(&a.layer, &b.layer) || a.layer == b.layer;
-                let shape = |step: &ConvolutionStep| {
-                    let ConvolutionStep { kernel, stride, padding, in_channels, out_channels, .. } = *step;
-                    ([kernel, stride, padding], [in_channels, out_channels], step.activation)
-                };
-                weights && shape(a) == shape(b)
-            }
-            _ => false,
+    /// The convolution, if it is one.
+    pub fn convolution(&self) -> Option<&Arc<ConvolutionStep>> {
+        match self {
+            Self::Convolution(step) => Some(step),
+            Self::BoxEstimate
+            | Self::LogIrradiance
+            | Self::Features { .. }
+            | Self::InverseResponse { .. }
+            | Self::Fuse
+            | Self::Blend { .. } => None,
         }
     }
 }
@@ -128,8 +149,10 @@ pub struct Channel {
 }
 
 /// A convolution with all that its kernel needs.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ConvolutionStep {
+    /// Which way it goes.
+    pub direction: Direction,
     /// Taps along t, y, x.
     pub kernel: [usize; 3],
     /// Steps along t, y, x.
@@ -147,22 +170,32 @@ pub struct ConvolutionStep {
 }
 
 impl ConvolutionStep {
+    /// Whether both compute the same with the same weights.
+    pub fn is_same(&self, other: &Self) -> bool {
+        // Models share layers, whose many weights need no comparing then.
+        let weights = Arc::ptr_eq(&self.layer, &other.layer) || self.layer == other.layer;
+        let shape = |step: &Self| {
+            let Self { direction, kernel, stride, padding, in_channels, out_channels, .. } = *step;
+            (direction, [kernel, stride, padding], [in_channels, out_channels], step.activation)
+        };
+        weights && shape(self) == shape(other)
+    }
+
     /// Input channel, output channel and tap of weight `index`: [out, in, tap], or [in, out, tap] where it is transposed.
-    pub fn place_of(&self, index: usize, transposed: bool) -> [usize; 3] {
+    pub fn place_of(&self, index: usize) -> [usize; 3] {
         let taps: usize = self.kernel.iter().product();
         let (channel, tap) = (index / taps, index % taps);
-        if transposed {
-            [channel / self.out_channels, channel % self.out_channels, tap]
-        } else {
-            [channel % self.in_channels, channel / self.in_channels, tap]
+        match self.direction {
+            Direction::Forward => [channel % self.in_channels, channel / self.in_channels, tap],
+            Direction::Transposed => [channel / self.out_channels, channel % self.out_channels, tap],
         }
     }
 
     /// Largest magnitude of the weights to each output channel.
-    pub fn largest_weights(&self, transposed: bool) -> Vec<f32> {
+    pub fn largest_weights(&self) -> Vec<f32> {
         let mut largest = vec![0.0f32; self.out_channels];
         for (index, weight) in self.layer.weight.iter().enumerate() {
-            let [_, out, _] = self.place_of(index, transposed);
+            let [_, out, _] = self.place_of(index);
             largest[out] = largest[out].max(weight.abs());
         }
         largest
@@ -182,8 +215,6 @@ pub struct Step {
     pub output: View,
     /// Frame of the window in which the output of a kernel on pixels begins.
     pub first_frame: usize,
-    /// Whether the output is f32 at any precision of an executor (see [`full_precision`]).
-    pub full_precision: bool,
 }
 
 /// Steps that are computed together, piece by piece.
@@ -229,6 +260,8 @@ pub struct Plan {
     pub runs: Vec<Run>,
     /// What a window right behind another one computes, where the plan is for streams.
     pub following: Option<Following>,
+    /// All tensors, the measurement first.
+    pub tensors: Vec<PlannedTensor>,
     /// Size of each slot, in values.
     pub slots: Vec<usize>,
     /// Where the pixel values [frames, H, W] go in.
@@ -284,18 +317,13 @@ impl Plan {
         streams: bool,
     ) -> Result<Self, NetworkError> {
         let graph = &model.graph;
-        let Arrangement { needed, shapes, heights, groups, places, buffers, slots, kept, news } =
+        let Arrangement { needed, shapes, heights, groups, allocations, tensors, slots, kept, news } =
             &Arrangement::new(graph, height, width, piece_bytes, streams)?;
         let covers_window = graph.shapes(height, width)?[graph.output.as_str()].t == graph.window.frames;
         let index_of = indices(graph);
         let view = |name: &str| {
-            let place = places[name];
-            View {
-                slot: slots.of[place.buffer],
-                offset: place.channel,
-                stride: place.stride,
-                shape: shapes[name],
-            }
+            let Allocation { tensor, channel, stride } = allocations[name];
+            View { tensor, slot: tensors[tensor.0].slot, offset: channel, stride, shape: shapes[name] }
         };
         // Frames and rows of a tensor that are there while a group computes a piece.
         let there = |name: &str, group: &Group<'_>, piece: &Piece<'_>| {
@@ -315,7 +343,6 @@ impl Plan {
             frames.rows(rows.start - there[1].start, rows.len())
         };
         let computed = || graph.nodes.iter().filter(|node| needed.contains_key(node.name.as_str()));
-        let full = full_precision(graph);
         let blends = graph.nodes.iter().filter_map(|node| match &node.op {
             Op::Blend { taps, .. } => Some((node.name.as_str(), taps.as_slice().into())),
             _ => None,
@@ -338,10 +365,9 @@ impl Plan {
             if frames.is_empty() {
                 return Vec::new();
             }
-            let full_precision = full.contains(node.name.as_str());
             if matches!(node.op, Op::Concat) {
                 let cut = |name: &str| view(name).frames(frames.start - needed[name].start, frames.len());
-                return copies(node, cut(&node.name), full_precision, cut);
+                return copies(node, cut(&node.name), cut);
             }
             let rows = piece.rows(index_of[node.name.as_str()]);
             let wanted_rows = rows.clone().and_then(|rows| node.reads_rows(rows));
@@ -379,8 +405,8 @@ impl Plan {
             };
             let inputs: Vec<View> = reads.iter().map(|read| read.unwrap_or(first).view).collect();
             let first = Read { view: inputs[0], ..first };
-            let convolution = |transposed: bool| {
-                let conv = node.convolution().expect("called for convolutions only");
+            let convolution = |conv: &Convolution, direction: Direction| {
+                let transposed = direction == Direction::Transposed;
                 let [padding_t, padding_y, padding_x] = conv.padding(transposed);
                 // Padding is in front of the rows that are there.
                 let padding_y = if transposed {
@@ -388,7 +414,8 @@ impl Plan {
                 } else {
                     padding_y + first.row - rows.start * conv.stride[1]
                 };
-                Arc::new(ConvolutionStep {
+                Kernel::Convolution(Arc::new(ConvolutionStep {
+                    direction,
                     kernel: conv.kernel,
                     stride: conv.stride,
                     padding: [if transposed { padding_t } else { first.missing }, padding_y, padding_x],
@@ -396,7 +423,7 @@ impl Plan {
                     out_channels: conv.out_channels,
                     activation: conv.activation,
                     layer: Arc::clone(&model.layers[&node.name]),
-                })
+                }))
             };
             let mut first_frame = frames.start;
             let kernel = match &node.op {
@@ -413,8 +440,8 @@ impl Plan {
                         lead: lead(2, neighbours.iter().min().copied()),
                     }
                 }
-                Op::Conv3d(_) => Kernel::Conv3d(convolution(false)),
-                Op::ConvTranspose3d(_) => Kernel::ConvTranspose3d(convolution(true)),
+                Op::Conv3d(conv) => convolution(conv, Direction::Forward),
+                Op::ConvTranspose3d(conv) => convolution(conv, Direction::Transposed),
                 Op::InverseResponse { exposures } => Kernel::InverseResponse { exposures: exposures.clone() },
                 Op::Fuse => Kernel::Fuse,
                 Op::Blend { block, taps } => Kernel::Blend {
@@ -425,19 +452,15 @@ impl Plan {
                 Op::Concat => unreachable!("returned above"),
             };
             debug_assert!(inputs.iter().all(|input| input.slot != output.slot), "{}", node.name);
-            vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame, full_precision }]
+            vec![Step { name: node.name.clone(), kernel, inputs, output, first_frame }]
         };
         let carry = |name: &str| {
             let count = *news.as_ref()?.carried.get(name)?;
             let all = view(name);
             let written = all.frames(all.shape.t - count, count);
             let wanted = all.frames(all.shape.t - graph.window.hop - count, count);
-            let kept = kept.get(name).map(|&Place { buffer, stride, .. }| View {
-                slot: slots.of[buffer],
-                offset: 0,
-                stride,
-                ..written
-            });
+            let kept =
+                kept.get(name).map(|&Kept { slot, stride }| View { slot, offset: 0, stride, ..written });
             Some(Carry { written, kept, wanted })
         };
         let lower = |computed: &HashMap<&str, Range<usize>>| {
@@ -453,8 +476,8 @@ impl Plan {
                         pieces.push(first..steps.len());
                     }
                 }
-                let inner = group.inner.iter().map(|&name| places[name].buffer);
-                let inner = inner.map(|buffer| (slots.of[buffer], buffers[buffer].len)).collect();
+                let inner = group.inner.iter().map(|&name| &tensors[allocations[name].tensor.0]);
+                let inner = inner.map(|tensor| (tensor.slot, tensor.len)).collect();
                 let carries = nodes.filter_map(|node| carry(&node.name)).collect();
                 runs.push(Run { pieces, inner, carries });
             }
@@ -473,7 +496,8 @@ impl Plan {
             steps,
             runs,
             following,
-            slots: slots.len.clone(),
+            tensors: tensors.clone(),
+            slots: slots.clone(),
             measurement: view(MEASUREMENT),
             result,
             window: graph.window,
@@ -491,7 +515,7 @@ impl Plan {
     ) -> Result<(Vec<usize>, bool), NetworkError> {
         check_size(&model.graph, height, width)?;
         let arrangement = Arrangement::new(&model.graph, height, width, piece_bytes, streams)?;
-        Ok((arrangement.slots.len, arrangement.news.is_some()))
+        Ok((arrangement.slots, arrangement.news.is_some()))
     }
 
     /// Operations of all convolutions, two per multiplication and addition, for one window: one of many, where the plan is
@@ -519,10 +543,10 @@ impl Step {
 
     /// Operations of the convolution, two per multiplication and addition; 0 for other kernels.
     pub fn flop(&self) -> f64 {
-        let (conv, pixels) = match &self.kernel {
-            Kernel::Conv3d(conv) => (conv, self.output.shape.pixels()),
-            Kernel::ConvTranspose3d(conv) => (conv, self.inputs[0].shape.pixels()),
-            _ => return 0.0,
+        let Some(conv) = self.kernel.convolution() else { return 0.0 };
+        let pixels = match conv.direction {
+            Direction::Forward => self.output.shape.pixels(),
+            Direction::Transposed => self.inputs[0].shape.pixels(),
         };
         let taps: usize = conv.kernel.iter().product();
         2.0 * pixels as f64 * (taps * conv.in_channels * conv.out_channels) as f64
@@ -547,8 +571,8 @@ fn check_size(graph: &Graph, height: usize, width: usize) -> Result<(), NetworkE
 /// - what residuals are added to, and the sums: this trunk runs through all of a net, and would be rounded at each sum.
 ///
 /// The tensors of a concatenation are stored alike, since they lie side by side.
-fn full_precision(graph: &Graph) -> HashSet<&str> {
-    let mut full = HashSet::from([graph.output.as_str()]);
+pub(super) fn full_precision(graph: &Graph) -> HashSet<&str> {
+    let mut full = HashSet::from([MEASUREMENT, graph.output.as_str()]);
     for node in &graph.nodes {
         let name = node.name.as_str();
         match (node.convolution(), &node.op) {
@@ -577,11 +601,12 @@ fn full_precision(graph: &Graph) -> HashSet<&str> {
 
 /// The steps that copy into a concatenation what is not written there straight away: 1×1×1 convolutions with
 /// the identity, which are exact at any precision.
-fn copies(concat: &Node, whole: View, full_precision: bool, view: impl Fn(&str) -> View) -> Vec<Step> {
+fn copies(concat: &Node, whole: View, view: impl Fn(&str) -> View) -> Vec<Step> {
     let copy = |(name, input, output): (&String, View, View)| {
         let c = input.shape.c;
         let weight = (0..c * c).map(|i| if i % (c + 1) == 0 { 1.0 } else { 0.0 }).collect();
-        let kernel = Kernel::Conv3d(Arc::new(ConvolutionStep {
+        let kernel = Kernel::Convolution(Arc::new(ConvolutionStep {
+            direction: Direction::Forward,
             kernel: [1; 3],
             stride: [1; 3],
             padding: [0; 3],
@@ -591,7 +616,7 @@ fn copies(concat: &Node, whole: View, full_precision: bool, view: impl Fn(&str) 
             layer: Arc::new(Layer { weight, bias: vec![0.0; c], norm: None }),
         }));
         let name = format!("{name} in {}", concat.name);
-        Step { name, kernel, inputs: vec![input], output, first_frame: 0, full_precision }
+        Step { name, kernel, inputs: vec![input], output, first_frame: 0 }
     };
     parts_to_copy(concat, whole, view).into_iter().map(copy).collect()
 }

@@ -6,25 +6,25 @@ use std::ops::Range;
 use super::graph::MEASUREMENT;
 use super::news::{News, news};
 use super::pieces::{Group, groups};
-use super::{Graph, NetworkError, Node, Op, Shape};
+use super::plan::full_precision;
+use super::{Graph, NetworkError, Node, Op, PlannedTensor, Shape, TensorId};
 
-/// A buffer before it has a slot: tensors that lie side by side, and the steps between which it is needed.
-pub(super) struct Buffer {
-    /// Values.
-    pub len: usize,
-    first: usize,
-    last: usize,
-}
-
-/// Where a tensor lies: buffer, first channel, values between pixels.
+/// Where the result of a node lies: in which tensor, from which channel on, and how many values between pixels.
 #[derive(Clone, Copy)]
-pub(super) struct Place {
-    pub buffer: usize,
+pub(super) struct Allocation {
+    pub tensor: TensorId,
     pub channel: usize,
     pub stride: usize,
 }
 
-/// The place of every tensor of a graph, and what is computed of it when.
+/// Where frames of a tensor stay that does not keep its slot: in which slot, and how many values between pixels.
+#[derive(Clone, Copy)]
+pub(super) struct Kept {
+    pub slot: usize,
+    pub stride: usize,
+}
+
+/// Where the result of every node of a graph lies, and what is computed of it when.
 pub(super) struct Arrangement<'a> {
     /// Frames of each tensor that a window by itself computes; all of the measurement.
     pub needed: HashMap<&'a str, Range<usize>>,
@@ -34,16 +34,16 @@ pub(super) struct Arrangement<'a> {
     pub heights: HashMap<&'a str, usize>,
     /// Nodes that are computed together.
     pub groups: Vec<Group<'a>>,
-    /// Where each tensor lies.
-    pub places: HashMap<&'a str, Place>,
-    /// Tensors that lie side by side.
-    pub buffers: Vec<Buffer>,
-    /// The slots of the buffers.
-    pub slots: Slots,
+    /// Where the result of each node lies.
+    pub allocations: HashMap<&'a str, Allocation>,
+    /// All tensors, the measurement first.
+    pub tensors: Vec<PlannedTensor>,
+    /// Values in each slot.
+    pub slots: Vec<usize>,
     /// What a window computes that follows another one, if that is less than the other one.
     pub news: Option<News<'a>>,
     /// Where frames stay that the following window needs, of tensors that do not keep their slot.
-    pub kept: HashMap<&'a str, Place>,
+    pub kept: HashMap<&'a str, Kept>,
 }
 
 impl<'a> Arrangement<'a> {
@@ -74,29 +74,33 @@ impl<'a> Arrangement<'a> {
                 }
             }
         }
-        let (places, mut buffers) = place(graph, &shapes, &parts);
+        let (allocations, mut tensors) = allocate(graph, &shapes, &parts);
         for group in groups.iter().filter(|group| group.is_cut()) {
-            keep(group, graph, &places, &mut buffers);
+            keep(group, graph, &allocations, &mut tensors);
         }
         let news = if streams { news(graph, &needed, &groups)? } else { None };
-        let mut kept = HashMap::new();
-        let end = buffers.iter().map(|buffer| buffer.last).filter(|&last| last < usize::MAX).max();
+        let ends = tensors.iter().map(|tensor| *tensor.lifetime.end());
+        let end = ends.filter(|&last| last < usize::MAX).max();
+        let mut moved = Vec::new();
         for (&name, &count) in news.iter().flat_map(|news| &news.carried) {
-            let buffer = &mut buffers[places[name].buffer];
-            if Some(buffer.last) == end {
+            let tensor = &mut tensors[allocations[name].tensor.0];
+            if Some(*tensor.lifetime.end()) == end {
                 // Nobody would get its slot any more.
-                (buffer.first, buffer.last) = (0, usize::MAX);
+                tensor.lifetime = 0..=usize::MAX;
             }
-            if buffer.last == usize::MAX {
-                continue;
+            if *tensor.lifetime.end() < usize::MAX {
+                moved.push((name, count));
             }
-            let Shape { y, x, c, .. } = shapes[name];
-            let stride = places[name].stride.min(c.next_multiple_of(4));
-            kept.insert(name, Place { buffer: buffers.len(), channel: 0, stride });
-            buffers.push(Buffer { len: count * y * x * stride, first: 0, last: usize::MAX });
         }
-        let slots = assign_slots(&buffers);
-        Ok(Self { needed, shapes, heights, groups, places, buffers, slots, news, kept })
+        let mut slots = assign_slots(&mut tensors);
+        let mut kept = HashMap::new();
+        for (name, count) in moved {
+            let Shape { y, x, c, .. } = shapes[name];
+            let stride = allocations[name].stride.min(c.next_multiple_of(4));
+            kept.insert(name, Kept { slot: slots.len(), stride });
+            slots.push(count * y * x * stride);
+        }
+        Ok(Self { needed, shapes, heights, groups, allocations, tensors, slots, news, kept })
     }
 }
 
@@ -138,82 +142,86 @@ fn parts<'a>(
     part_of
 }
 
-/// Gives every tensor a buffer, and every buffer its lifetime in steps.
-fn place<'a>(
+/// Gives the result of every node a tensor, or a part of one, and every tensor its lifetime.
+fn allocate<'a>(
     graph: &'a Graph,
     shapes: &HashMap<&str, Shape>,
     part_of: &HashMap<&str, (usize, usize)>,
-) -> (HashMap<&'a str, Place>, Vec<Buffer>) {
-    let mut buffers: Vec<Buffer> = Vec::new();
-    let mut places: HashMap<&str, Place> = HashMap::new();
-    let mut concat_places: HashMap<usize, Place> = HashMap::new();
+) -> (HashMap<&'a str, Allocation>, Vec<PlannedTensor>) {
+    let full = full_precision(graph);
+    let tensor = |name: &str, len, lifetime| PlannedTensor {
+        name: name.to_owned(),
+        full_precision: full.contains(name),
+        slot: 0,
+        len,
+        lifetime,
+    };
     // The measurement keeps its slot, since executors write it from outside.
-    buffers.push(Buffer { len: shapes[MEASUREMENT].len(), first: 0, last: usize::MAX });
-    places.insert(MEASUREMENT, Place { buffer: 0, channel: 0, stride: 1 });
+    let mut tensors = vec![tensor(MEASUREMENT, shapes[MEASUREMENT].len(), 0..=usize::MAX)];
+    let measurement = Allocation { tensor: TensorId(0), channel: 0, stride: 1 };
+    let mut allocations = HashMap::from([(MEASUREMENT, measurement)]);
+    let mut concatenations: HashMap<usize, Allocation> = HashMap::new();
     // Nodes without a shape are not computed.
     let computed = |node: &Node| shapes.contains_key(node.name.as_str());
     for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| computed(node)) {
         let mut whole_of = |node: &Node| {
             let shape = shapes[node.name.as_str()];
             let stride = if node.op.is_video() { 1 } else { shape.c.next_multiple_of(4) };
-            buffers.push(Buffer { len: shape.pixels() * stride, first: index, last: index });
-            Place { buffer: buffers.len() - 1, channel: 0, stride }
+            tensors.push(tensor(&node.name, shape.pixels() * stride, index..=index));
+            Allocation { tensor: TensorId(tensors.len() - 1), channel: 0, stride }
         };
-        let place = if let Some(&place) = concat_places.get(&index) {
-            place
+        let allocation = if let Some(&allocation) = concatenations.get(&index) {
+            allocation
         } else if let Some(&(concat, channel)) = part_of.get(node.name.as_str()) {
-            let whole = *concat_places.entry(concat).or_insert_with(|| whole_of(&graph.nodes[concat]));
-            Place { channel: whole.channel + channel, ..whole }
+            let whole = *concatenations.entry(concat).or_insert_with(|| whole_of(&graph.nodes[concat]));
+            Allocation { channel: whole.channel + channel, ..whole }
         } else {
             whole_of(node)
         };
-        for place in node.tensors().filter_map(|name| places.get(name.as_str())) {
-            let buffer = &mut buffers[place.buffer];
-            buffer.last = buffer.last.max(index);
+        allocations.insert(&node.name, allocation);
+        for name in node.tensors().chain([&node.name]) {
+            let lifetime = &mut tensors[allocations[name.as_str()].tensor.0].lifetime;
+            *lifetime = *lifetime.start()..=index.max(*lifetime.end());
         }
-        buffers[place.buffer].last = buffers[place.buffer].last.max(index);
-        places.insert(&node.name, place);
     }
-    buffers[places[graph.output.as_str()].buffer].last = usize::MAX;
-    (places, buffers)
+    let lifetime = &mut tensors[allocations[graph.output.as_str()].tensor.0].lifetime;
+    *lifetime = *lifetime.start()..=usize::MAX;
+    (allocations, tensors)
 }
 
 /// Keeps all that a group reads and writes until its last piece is done, and from its first one on.
-fn keep(group: &Group<'_>, graph: &Graph, places: &HashMap<&str, Place>, buffers: &mut [Buffer]) {
+fn keep(
+    group: &Group<'_>,
+    graph: &Graph,
+    allocations: &HashMap<&str, Allocation>,
+    tensors: &mut [PlannedTensor],
+) {
     for node in &graph.nodes[group.nodes.clone()] {
         for name in node.tensors().chain([&node.name]) {
-            let buffer = &mut buffers[places[name.as_str()].buffer];
-            buffer.first = buffer.first.min(group.nodes.start);
-            buffer.last = buffer.last.max(group.nodes.end - 1);
+            let lifetime = &mut tensors[allocations[name.as_str()].tensor.0].lifetime;
+            let first = group.nodes.start.min(*lifetime.start());
+            *lifetime = first..=(group.nodes.end - 1).max(*lifetime.end());
         }
     }
 }
 
-/// Sizes of the slots, and the slot of each buffer.
-pub(super) struct Slots {
-    /// Values in each slot.
-    pub len: Vec<usize>,
-    /// The slot of each buffer.
-    pub of: Vec<usize>,
-}
-
-/// First fit by size: a buffer takes the free slot that wastes or grows least.
-fn assign_slots(buffers: &[Buffer]) -> Slots {
-    let mut slots = Slots { len: Vec::new(), of: vec![0; buffers.len()] };
+/// Gives every tensor a slot, and returns how many values each slot has. First fit by size: a tensor takes the free slot
+/// that wastes or grows least.
+fn assign_slots(tensors: &mut [PlannedTensor]) -> Vec<usize> {
+    let mut slots: Vec<usize> = Vec::new();
     let mut busy_until: Vec<usize> = Vec::new();
-    // Buffers are in order of their first step already.
-    for (index, buffer) in buffers.iter().enumerate() {
-        let free = (0..slots.len.len())
-            .filter(|&slot| busy_until[slot] < buffer.first)
-            .min_by_key(|&slot| slots.len[slot].abs_diff(buffer.len));
-        let slot = free.unwrap_or_else(|| {
-            slots.len.push(0);
+    // Tensors are in order of their first node already.
+    for tensor in tensors {
+        let free = (0..slots.len())
+            .filter(|&slot| busy_until[slot] < *tensor.lifetime.start())
+            .min_by_key(|&slot| slots[slot].abs_diff(tensor.len));
+        tensor.slot = free.unwrap_or_else(|| {
+            slots.push(0);
             busy_until.push(0);
-            slots.len.len() - 1
+            slots.len() - 1
         });
-        slots.len[slot] = slots.len[slot].max(buffer.len);
-        busy_until[slot] = buffer.last;
-        slots.of[index] = slot;
+        slots[tensor.slot] = slots[tensor.slot].max(tensor.len);
+        busy_until[tensor.slot] = *tensor.lifetime.end();
     }
     slots
 }

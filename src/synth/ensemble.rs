@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::cpu::Tone;
-use crate::network::{Executor, Graph, NetworkError, Step, Tensor, Window, WindowTime};
+use crate::network::{Executor, Graph, NetworkError, Plan, Step, Tensor, Window, WindowTime};
 use crate::sensor::{Calibration, Symmetry};
 
 /// The first `count` views of a recording that a net can be given, at least one: of its camera's symmetries, those that
@@ -174,6 +174,10 @@ impl Ensemble {
 }
 
 impl Executor for Ensemble {
+    fn plan(&self) -> &Plan {
+        self.executor.plan()
+    }
+
     fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
         self.submit(measurement, schedule)?;
         self.collect(result)

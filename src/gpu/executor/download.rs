@@ -27,8 +27,8 @@ pub(super) const CALLBACK_TIME: Duration = Duration::from_secs(10);
 
 impl GpuExecutor {
     /// A buffer that the values of `view`, and `more` bytes behind them, can be copied to.
-    pub(super) fn staging(&self, view: &View, format: Format, more: u64) -> Result<wgpu::Buffer, GpuError> {
-        let bytes = copied_bytes(view, format) + more;
+    pub(super) fn staging(&self, view: &View, more: u64) -> Result<wgpu::Buffer, GpuError> {
+        let bytes = copied_bytes(view, self.formats.of(view)) + more;
         self.gpu.buffer("result", bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)
     }
 
@@ -36,11 +36,10 @@ impl GpuExecutor {
     pub(super) fn download(
         &self,
         view: View,
-        format: Format,
-        unit: f32,
         buffer: wgpu::Buffer,
         mut encoder: wgpu::CommandEncoder,
     ) -> (Download, wgpu::SubmissionIndex) {
+        let (format, unit) = (self.formats.of(&view), self.units[view.tensor.0]);
         let offset = (view.offset * format.bytes()) as u64;
         encoder.copy_buffer_to_buffer(
             &self.slots[view.slot],
@@ -59,10 +58,10 @@ impl GpuExecutor {
     }
 
     /// The tensor that a view shows.
-    pub(super) fn tensor(&self, view: &View, format: Format, number: usize) -> Result<Tensor, GpuError> {
+    pub(super) fn tensor(&self, view: &View) -> Result<Tensor, GpuError> {
         let encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let buffer = self.staging(view, format, 0)?;
-        let (download, submission) = self.download(*view, format, self.units[number], buffer, encoder);
+        let buffer = self.staging(view, 0)?;
+        let (download, submission) = self.download(*view, buffer, encoder);
         self.gpu.wait(submission)?;
         let mut data = Vec::with_capacity(view.shape.len());
         download.read(&self.gpu, |values, _| data.extend(values))?;

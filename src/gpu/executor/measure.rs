@@ -25,26 +25,26 @@ impl Builder<'_> {
         tuning: &mut Tuning,
     ) -> Result<Option<Variant>, GpuError> {
         let gpu = self.gpu.clone();
-        let call = self.call(index, step, None)?;
+        let call = self.call(step, None)?;
         let Some(extent) = call.extent else { return Ok(None) };
         let candidates = Variant::candidates(extent, self.target.abilities);
-        let formats = &self.storage.steps[index];
+        let [read, written] = [&step.inputs[0], &step.output].map(|view| self.formats.of(view));
         let (input, output) = (step.inputs[0].slot, step.output.slot);
         let mut expected: Option<Vec<f32>> = None;
         let variant = tuning.variant(&gpu, &call.text, &candidates, |variant| {
             if expected.is_none() {
-                let count = self.storage.slot_bytes[input] / formats.inputs[0].bytes();
+                let count = self.formats.slot_bytes[input] / read.bytes();
                 let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
-                gpu.queue.write_buffer(&self.slots[input], 0, &stored(&values, formats.inputs[0]));
+                gpu.queue.write_buffer(&self.slots[input], 0, &stored(&values, read));
             }
-            let recorded = self.bind(index, step, &self.call(index, step, Some(variant))?)?;
+            let recorded = self.bind(index, step, &self.call(step, Some(variant))?)?;
             // Or a variant that writes nothing would show what the one before it wrote.
             clear(&gpu, [&self.slots[output]]);
             let time = time(&gpu, &recorded)?;
             // Not every driver may number the invocations of a subgroup as teams want it.
-            let begin = step.output.offset * formats.output.bytes();
-            let end = self.storage.slot_bytes[output].min(begin + COMPARED_BYTES);
-            let result = loaded(&read(&gpu, &self.slots[output], begin..end)?, formats.output);
+            let begin = step.output.offset * written.bytes();
+            let end = self.formats.slot_bytes[output].min(begin + COMPARED_BYTES);
+            let result = loaded(&read_back(&gpu, &self.slots[output], begin..end)?, written);
             let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
             expected.get_or_insert(result);
             Ok::<_, GpuError>(same.then_some(time))
@@ -88,7 +88,7 @@ fn clear<const N: usize>(gpu: &Gpu, buffers: [&wgpu::Buffer; N]) {
 }
 
 /// Some bytes of a buffer, from a multiple of 4 to another.
-fn read(gpu: &Gpu, buffer: &wgpu::Buffer, range: Range<usize>) -> Result<Vec<u8>, GpuError> {
+fn read_back(gpu: &Gpu, buffer: &wgpu::Buffer, range: Range<usize>) -> Result<Vec<u8>, GpuError> {
     let bytes = range.len() as u64;
     let copy = gpu.buffer("result", bytes, BufferUsages::MAP_READ | BufferUsages::COPY_DST)?;
     let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());

@@ -5,7 +5,7 @@ use std::num::NonZero;
 
 use super::{OVERFLOW_STRIDE, Options};
 use crate::gpu::kernels::{Call, Resource, Target};
-use crate::gpu::storage::Storage;
+use crate::gpu::storage::Formats;
 use crate::gpu::tune::Tuning;
 use crate::gpu::variant::Variant;
 use crate::gpu::weights::Terms;
@@ -38,7 +38,7 @@ pub(super) fn record(pass: &mut wgpu::ComputePass<'_>, steps: &[Recorded]) {
 /// What steps are made from.
 pub(super) struct Builder<'a> {
     pub(super) gpu: &'a Gpu,
-    pub(super) storage: &'a Storage,
+    pub(super) formats: &'a Formats,
     pub(super) slots: &'a [wgpu::Buffer],
     overflow: &'a wgpu::Buffer,
     calibration: &'a Calibration,
@@ -56,7 +56,7 @@ impl<'a> Builder<'a> {
     /// For steps of a plan that is stored so, with the buffers that all of them share.
     pub(super) fn new(
         gpu: &'a Gpu,
-        storage: &'a Storage,
+        formats: &'a Formats,
         slots: &'a [wgpu::Buffer],
         [overflow, schedule]: [&'a wgpu::Buffer; 2],
         calibration: &'a Calibration,
@@ -65,7 +65,7 @@ impl<'a> Builder<'a> {
         let max_workgroups = gpu.device.limits().max_compute_workgroups_per_dimension;
         Ok(Self {
             gpu,
-            storage,
+            formats,
             slots,
             overflow,
             calibration,
@@ -90,17 +90,16 @@ impl<'a> Builder<'a> {
             (None, Some(tuning)) if step.flop() >= WORTH_TUNING => self.tune(index, step, tuning)?,
             (variant, _) => variant,
         };
-        let mut call = self.call(index, step, variant)?;
+        let mut call = self.call(step, variant)?;
         if let Some(edit) = options.edit {
             call.text = edit(step, &call.text);
         }
         self.bind(index, step, &call)
     }
 
-    pub(super) fn call(&self, index: usize, step: &Step, variant: Option<Variant>) -> Result<Call, GpuError> {
+    pub(super) fn call(&self, step: &Step, variant: Option<Variant>) -> Result<Call, GpuError> {
         let target = Target { variant, ..self.target };
-        let Storage { steps, slot_bytes, .. } = self.storage;
-        Call::new(step, &steps[index], slot_bytes, self.calibration, target)
+        Call::new(step, self.formats, self.calibration, target)
     }
 
     /// Compiles a call and binds its buffers.

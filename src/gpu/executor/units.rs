@@ -8,12 +8,13 @@ use super::GpuExecutor;
 use crate::gpu::GpuError;
 use crate::gpu::storage::LARGEST_F16;
 use crate::gpu::weights::unit_of;
+use crate::network::TensorId;
 
 impl GpuExecutor {
     /// Makes room for `magnitude`, the largest result of a step, and says so. A window that was submitted before may
     /// report what there is room for already.
     pub(super) fn make_room(&mut self, (step, magnitude): (usize, f32)) -> Result<(), GpuError> {
-        let tensor = self.storage.steps[step].output_tensor;
+        let TensorId(tensor) = self.plan.steps[step].output.tensor;
         let name = &self.plan.steps[step].name;
         if magnitude <= LARGEST_F16 * self.units[tensor] {
             return Ok(());
@@ -27,11 +28,11 @@ impl GpuExecutor {
              spoiled is computed again"
         );
         self.units[tensor] = unit;
-        for (recorded, formats) in self.steps.iter().zip(&self.storage.steps) {
-            let input = formats.input_tensors[0];
+        for (recorded, step) in self.steps.iter().zip(&self.plan.steps) {
+            let [input, output] = [step.inputs[0], step.output].map(|view| view.tensor.0);
             let Some((terms, buffer)) = &recorded.terms else { continue };
-            if input == tensor || formats.output_tensor == tensor {
-                let values = terms.in_units(self.units[input], self.units[formats.output_tensor]);
+            if input == tensor || output == tensor {
+                let values = terms.in_units(self.units[input], self.units[output]);
                 // Windows that were submitted before are not affected.
                 self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&values));
             }
