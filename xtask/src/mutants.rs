@@ -39,8 +39,8 @@ const MUTANTS: [Mutant; 20] = [
     Mutant {
         what: "a buffer is used again one step too soon",
         file: "src/network/slots.rs",
-        sound: "busy_until[slot] = buffer.last;",
-        faulty: "busy_until[slot] = buffer.last.max(1) - 1;",
+        sound: "busy_until[tensor.slot] = *tensor.lifetime.end();",
+        faulty: "busy_until[tensor.slot] = (*tensor.lifetime.end()).max(1) - 1;",
         test: ["cpu_executor", "slots_and_concatenations_change_nothing"],
     },
     Mutant {
