@@ -11,7 +11,7 @@ use super::convolution::Packed;
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
 use crate::network::{
-    Carry, ConvolutionStep, Executor, Following, Plan, Run, Step, Tensor, View, WindowTime,
+    Carry, ConvolutionStep, Executor, Following, Plan, Run, Step, Tensor, View, WindowTime, check_len,
 };
 use crate::sensor::Calibration;
 use crate::{Error, Result};
