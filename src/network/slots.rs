@@ -179,8 +179,10 @@ fn allocate<'a>(
             whole_of(node)
         };
         allocations.insert(&node.name, allocation);
-        for name in node.tensors().chain([&node.name]) {
-            let lifetime = &mut tensors[allocations[name.as_str()].tensor.0].lifetime;
+        // Nobody computes what is not read.
+        let known = node.tensors().chain([&node.name]).filter_map(|name| allocations.get(name.as_str()));
+        for &Allocation { tensor, .. } in known {
+            let lifetime = &mut tensors[tensor.0].lifetime;
             *lifetime = *lifetime.start()..=index.max(*lifetime.end());
         }
     }
