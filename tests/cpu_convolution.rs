@@ -49,7 +49,13 @@ impl Case {
     fn random(&self, seed: u64) -> (Tensor<f64>, Tensor<f64>, ConvolutionStep, Shape) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut values = |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect::<Vec<_>>();
-        let output = self.convolution.shape(self.input, self.transposed).expect("valid");
+        let (extent, stride) = (self.input.extent(), self.convolution.stride);
+        let results = |i: usize| {
+            if self.transposed { extent[i] * stride[i] } else { extent[i].div_ceil(stride[i]) }
+        };
+        let output = Shape::new(std::array::from_fn(results), self.convolution.out_channels);
+        let padding =
+            |i: usize| (self.convolution.kernel[i] - if self.transposed { stride[i] } else { 1 }) / 2;
         let (in_channels, out_channels) = (self.input.c, output.c);
         let layer = Layer {
             weight: values(in_channels * out_channels * self.convolution.taps()),
@@ -60,7 +66,7 @@ impl Case {
             direction: if self.transposed { Direction::Transposed } else { Direction::Forward },
             kernel: self.convolution.kernel,
             stride: self.convolution.stride,
-            padding: self.convolution.padding(self.transposed),
+            padding: std::array::from_fn(padding),
             in_channels,
             out_channels,
             activation: self.convolution.activation,

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::{Plan, Step, Tensor};
+use super::plan::{Plan, Step};
+use super::tensor::Tensor;
 use crate::{Error, Result};
 
 /// How long an executor computed.

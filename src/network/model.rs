@@ -12,7 +12,10 @@ use rand_chacha::ChaCha8Rng;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde_json::Value;
 
-use super::{Convolution, Graph, NetworkError, Op, presets};
+use super::error::NetworkError;
+use super::graph::Graph;
+use super::kernel::{Convolution, Direction, Layer};
+use super::presets;
 use crate::sensor::Pattern;
 use crate::{At, Error, Result};
 
@@ -31,17 +34,6 @@ pub struct Model {
     pub layers: HashMap<String, Arc<Layer>>,
     /// What the weights were trained for and how.
     pub trained: Trained,
-}
-
-/// Tensors of one convolution, as in the file.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Layer {
-    /// `conv3d`: [out, in, kt, ky, kx]; `conv_transpose3d`: [in, out, kt, ky, kx].
-    pub weight: Vec<f32>,
-    /// One value an output channel.
-    pub bias: Vec<f32>,
-    /// Scale and shift, one value an output channel each, where the node has `norm`.
-    pub norm: Option<(Vec<f32>, Vec<f32>)>,
 }
 
 /// What is known about the training.
@@ -209,10 +201,13 @@ type Specs = Vec<(&'static str, Vec<usize>)>;
 fn layer_shapes(graph: &Graph) -> Result<BTreeMap<&str, Specs>, NetworkError> {
     let [_, y, x] = graph.granularity()?;
     let shapes = graph.shapes(y, x)?;
-    let specs = |conv: &Convolution, input: usize, transposed: bool| {
+    let specs = |(conv, direction): (&Convolution, Direction), input: usize| {
         let [kt, ky, kx] = conv.kernel;
         let out = conv.out_channels;
-        let (rows, columns) = if transposed { (input, out) } else { (out, input) };
+        let [rows, columns] = match direction {
+            Direction::Forward => [out, input],
+            Direction::Transposed => [input, out],
+        };
         let mut specs = vec![("weight", vec![rows, columns, kt, ky, kx]), ("bias", vec![out])];
         if conv.norm {
             specs.extend([("scale", vec![out]), ("shift", vec![out])]);
@@ -220,9 +215,8 @@ fn layer_shapes(graph: &Graph) -> Result<BTreeMap<&str, Specs>, NetworkError> {
         specs
     };
     let convolutions = graph.nodes.iter().filter_map(|node| {
-        let conv = node.convolution()?;
         let input = shapes[node.inputs[0].as_str()].c;
-        Some((node.name.as_str(), specs(conv, input, matches!(node.op, Op::ConvTranspose3d(_)))))
+        Some((node.name.as_str(), specs(node.operation().convolution()?, input)))
     });
     Ok(convolutions.collect())
 }

@@ -7,7 +7,9 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
-use super::{Graph, Node, Op, Shape};
+use super::graph::{FRAMES, Graph, Node, ROWS};
+use super::op::relation::Relation;
+use super::tensor::Shape;
 
 /// Neighbouring nodes of a graph, all of which compute one piece before any computes the next one.
 #[derive(Debug)]
@@ -117,23 +119,21 @@ impl<'a> Net<'a, '_> {
     /// Nodes from `begin` on each of whose frames follows from the same frames of those before it.
     fn neighbours(&self, begin: usize, part: impl Fn(&str) -> bool) -> Range<usize> {
         let may = |node: &Node| {
-            by_frames(node) && !part(&node.name) && self.needed.contains_key(node.name.as_str())
+            node.goes_by_frames() && !part(&node.name) && self.needed.contains_key(node.name.as_str())
         };
         let joins = |group: &Range<usize>, node: &Node| {
             if !may(node) {
                 return false;
             }
             let first = self.needed[node.name.as_str()].start;
-            let reads = node.tensors().zip(node.reads(first..first + 1));
-            let mut inner = reads
-                .filter(|(name, _)| self.graph.nodes[group.clone()].iter().any(|node| node.name == **name))
-                .peekable();
+            let is_inner = |name: &str| self.graph.nodes[group.clone()].iter().any(|node| node.name == name);
+            let reads = node.reads(FRAMES, first..first + 1);
+            let mut inner = reads.filter(|(name, _)| is_inner(name)).peekable();
             let now = first as isize..first as isize + 1;
             inner.peek().is_some()
                 && inner.all(|(name, read)| {
-                    let frames = self.needed[name.as_str()].len();
-                    let large = self.frame_bytes(name).saturating_mul(frames) > self.bytes;
-                    large && (read == now || read.is_empty())
+                    let large = self.frame_bytes(name).saturating_mul(self.needed[name].len()) > self.bytes;
+                    large && read == now
                 })
         };
         let mut nodes = begin..begin + 1;
@@ -170,11 +170,7 @@ impl<'a> Net<'a, '_> {
         let members = &self.graph.nodes[nodes.clone()];
         let last = members.last()?;
         // The last one's rows are cut where no piece needs more than its own of them.
-        let unit = match &last.op {
-            Op::Blend { block, .. } => block[1],
-            Op::ConvTranspose3d(conv) => conv.stride[1],
-            _ => 1,
-        };
+        let unit = last.relation()[ROWS].unit();
         let height = self.shapes[last.name.as_str()].y;
         let units = height.div_ceil(unit);
         let parts = cuts(0..units, frame.div_ceil(most).min(units));
@@ -218,9 +214,9 @@ impl<'a> Net<'a, '_> {
     /// Multiplications for a row of a convolution; 0 for other nodes.
     fn row_work(&self, node: &Node) -> f64 {
         let Some(conv) = node.convolution() else { return 0.0 };
-        let taps = conv.kernel.iter().product::<usize>() as f64;
+        let taps = conv.taps() as f64;
         // A transposed convolution has a tap for each input, not for each result.
-        let share = if let Op::ConvTranspose3d(_) = node.op { conv.stride.iter().product() } else { 1 };
+        let share: usize = node.relation().map(Relation::unit).iter().product();
         let channels = self.shapes[node.inputs[0].as_str()].c * conv.out_channels;
         (self.shapes[node.name.as_str()].x * channels) as f64 * taps / share as f64
     }
@@ -237,13 +233,14 @@ fn rows_of(nodes: &[Node], shapes: &HashMap<&str, Shape>, last: Range<usize>) ->
     let mut rows = vec![0..0; nodes.len()];
     *rows.last_mut()? = last;
     for (index, node) in nodes.iter().enumerate().rev() {
-        if let Op::ConvTranspose3d(conv) = &node.op {
-            // All pieces begin in the same phase of the stride, so that they share packed weights.
-            rows[index].start -= rows[index].start % conv.stride[1];
+        if !node.goes_by_rows() {
+            return None;
         }
-        for (name, read) in node.tensors().zip(node.reads_rows(rows[index].clone())?) {
-            let Some(source) = nodes[..index].iter().position(|node| node.name == *name) else { continue };
-            let height = shapes[name.as_str()].y as isize;
+        // All pieces begin in the same phase of a stride, so that they share packed weights.
+        rows[index].start -= rows[index].start % node.relation()[ROWS].unit();
+        for (name, read) in node.reads(ROWS, rows[index].clone()) {
+            let Some(source) = nodes[..index].iter().position(|node| node.name == name) else { continue };
+            let height = shapes[name].y as isize;
             let [start, end] = [read.start, read.end].map(|y| y.clamp(0, height) as usize);
             let known = &mut rows[source];
             *known = if known.start == known.end {
@@ -254,15 +251,4 @@ fn rows_of(nodes: &[Node], shapes: &HashMap<&str, Shape>, last: Range<usize>) ->
         }
     }
     Some(rows)
-}
-
-/// Whether each frame of a node's result follows from its own frames of other tensors, so that it may be in a group.
-fn by_frames(node: &Node) -> bool {
-    match &node.op {
-        Op::Concat => false,
-        Op::Features { block, .. } | Op::Blend { block, .. } => block[0] == 1,
-        Op::ConvTranspose3d(conv) => conv.kernel[0] == 1 && conv.stride[0] == 1,
-        Op::Conv3d(conv) => conv.stride[0] == 1,
-        _ => true,
-    }
 }

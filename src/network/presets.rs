@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Graph, NetworkError};
+use super::error::NetworkError;
+use super::graph::Graph;
 
 /// A built-in net.
 #[derive(Clone, Copy, Debug, Serialize)]

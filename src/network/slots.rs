@@ -1,13 +1,15 @@
 //! Where tensors lie: which share a slot, and which frames and rows of them are there at once.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-use super::graph::MEASUREMENT;
-use super::news::{News, news};
+use super::error::NetworkError;
+use super::following::{FollowingFrames, following_frames};
+use super::graph::{Graph, MEASUREMENT, Node};
+use super::op::operation::Kind;
 use super::pieces::{Group, groups};
-use super::plan::full_precision;
-use super::{Graph, NetworkError, Node, Op, PlannedTensor, Shape, TensorId};
+use super::plan::{PlannedTensor, TensorId};
+use super::tensor::Shape;
 
 /// Where the result of a node lies: in which tensor, from which channel on, and how many values between pixels.
 #[derive(Clone, Copy)]
@@ -41,7 +43,7 @@ pub(super) struct Arrangement<'a> {
     /// Values in each slot.
     pub slots: Vec<usize>,
     /// What a window computes that follows another one, if that is less than the other one.
-    pub news: Option<News<'a>>,
+    pub following: Option<FollowingFrames<'a>>,
     /// Where frames stay that the following window needs, of tensors that do not keep their slot.
     pub kept: HashMap<&'a str, Kept>,
 }
@@ -78,11 +80,11 @@ impl<'a> Arrangement<'a> {
         for group in groups.iter().filter(|group| group.is_cut()) {
             keep(group, graph, &allocations, &mut tensors);
         }
-        let news = if streams { news(graph, &needed, &groups)? } else { None };
+        let following = if streams { following_frames(graph, &needed, &groups)? } else { None };
         let ends = tensors.iter().map(|tensor| *tensor.lifetime.end());
         let end = ends.filter(|&last| last < usize::MAX).max();
         let mut moved = Vec::new();
-        for (&name, &count) in news.iter().flat_map(|news| &news.carried) {
+        for (&name, &count) in following.iter().flat_map(|frames| &frames.carried) {
             let tensor = &mut tensors[allocations[name].tensor.0];
             if Some(*tensor.lifetime.end()) == end {
                 // Nobody would get its slot any more.
@@ -100,7 +102,7 @@ impl<'a> Arrangement<'a> {
             kept.insert(name, Kept { slot: slots.len(), stride });
             slots.push(count * y * x * stride);
         }
-        Ok(Self { needed, shapes, heights, groups, allocations, tensors, slots, news, kept })
+        Ok(Self { needed, shapes, heights, groups, allocations, tensors, slots, following, kept })
     }
 }
 
@@ -121,13 +123,13 @@ fn parts<'a>(
     let reads = |name: &str, other: &str| nodes[name].tensors().any(|input| input == other);
     let mut part_of: HashMap<&str, (usize, usize)> = HashMap::new();
     for (index, concat) in graph.nodes.iter().enumerate() {
-        if !matches!(concat.op, Op::Concat) || !shapes.contains_key(concat.name.as_str()) {
+        if !concat.is_concatenation() || !shapes.contains_key(concat.name.as_str()) {
             continue;
         }
         let mut written: Vec<&str> = Vec::new();
         let mut channel = 0;
         for input in &concat.inputs {
-            let alone = matches!(nodes[input.as_str()].op, Op::Concat)
+            let alone = nodes[input.as_str()].is_concatenation()
                 || part_of.contains_key(input.as_str())
                 || needed[input.as_str()] != needed[concat.name.as_str()]
                 || concat.inputs.iter().filter(|other| *other == input).count() > 1
@@ -166,7 +168,10 @@ fn allocate<'a>(
     for (index, node) in graph.nodes.iter().enumerate().filter(|(_, node)| computed(node)) {
         let mut whole_of = |node: &Node| {
             let shape = shapes[node.name.as_str()];
-            let stride = if node.op.is_video() { 1 } else { shape.c.next_multiple_of(4) };
+            let stride = match node.operation().gives() {
+                Kind::Scalar => 1,
+                Kind::Channels => shape.c.next_multiple_of(4),
+            };
             tensors.push(tensor(&node.name, shape.pixels() * stride, index..=index));
             Allocation { tensor: TensorId(tensors.len() - 1), channel: 0, stride }
         };
@@ -191,6 +196,39 @@ fn allocate<'a>(
     (allocations, tensors)
 }
 
+/// The tensors that are f32 at any precision (design §7). f16 is for what lies between two convolutions and no further:
+///
+/// - what is no convolution's result: irradiance, its logarithms, and the features that everything is computed from;
+/// - what is no convolution's input: the result, and what the kernels behind a net make of its last layers;
+/// - what residuals are added to, and the sums: this trunk runs through all of a net, and would be rounded at each sum.
+///
+/// The tensors of a concatenation are stored alike, since they lie side by side.
+fn full_precision(graph: &Graph) -> HashSet<&str> {
+    let mut full = HashSet::from([MEASUREMENT, graph.output.as_str()]);
+    for node in &graph.nodes {
+        let name = node.name.as_str();
+        if let Some(conv) = node.convolution() {
+            if let Some(added) = &conv.add {
+                full.extend([added.as_str(), name]);
+            }
+        } else if !node.is_concatenation() {
+            full.extend(node.tensors().map(String::as_str).chain([name]));
+        }
+    }
+    loop {
+        let before = full.len();
+        for concat in graph.nodes.iter().filter(|node| node.is_concatenation()) {
+            let alike = || concat.tensors().chain([&concat.name]).map(String::as_str);
+            if alike().any(|name| full.contains(name)) {
+                full.extend(alike());
+            }
+        }
+        if full.len() == before {
+            return full;
+        }
+    }
+}
+
 /// Keeps all that a group reads and writes until its last piece is done, and from its first one on.
 fn keep(
     group: &Group<'_>,
@@ -199,8 +237,9 @@ fn keep(
     tensors: &mut [PlannedTensor],
 ) {
     for node in &graph.nodes[group.nodes.clone()] {
-        for name in node.tensors().chain([&node.name]) {
-            let lifetime = &mut tensors[allocations[name.as_str()].tensor.0].lifetime;
+        let known = node.tensors().chain([&node.name]).filter_map(|name| allocations.get(name.as_str()));
+        for &Allocation { tensor, .. } in known {
+            let lifetime = &mut tensors[tensor.0].lifetime;
             let first = group.nodes.start.min(*lifetime.start());
             *lifetime = first..=(group.nodes.end - 1).max(*lifetime.end());
         }

@@ -6,12 +6,12 @@
 use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 
-use super::graph::MEASUREMENT;
+use super::error::NetworkError;
+use super::graph::{FRAMES, Graph, MEASUREMENT};
 use super::pieces::Group;
-use super::{Graph, NetworkError};
 
-/// What is new in a window that follows another one.
-pub(super) struct News<'a> {
+/// The frames that a window has to do with which follows another one.
+pub(super) struct FollowingFrames<'a> {
     /// Frames of each tensor that are computed: the last ones of those that a window by itself computes.
     pub computed: HashMap<&'a str, Range<usize>>,
     /// How many frames before those are read, where there are any.
@@ -19,12 +19,12 @@ pub(super) struct News<'a> {
 }
 
 /// What is new in a window behind another one, where each window computes the frames `needed`. `None` where frames depend
-/// on their window: where a layer reads its padding in time, or goes through time in steps.
-pub(super) fn news<'a>(
+/// on their window: where a layer reads its padding in time, or goes through time in steps or from its beginning.
+pub(super) fn following_frames<'a>(
     graph: &'a Graph,
     needed: &HashMap<&'a str, Range<usize>>,
     groups: &[Group<'_>],
-) -> Result<Option<News<'a>>, NetworkError> {
+) -> Result<Option<FollowingFrames<'a>>, NetworkError> {
     let hop = graph.window.hop;
     if graph.granularity()?[0] != 1 || needed.values().any(|frames| frames.len() < hop) {
         return Ok(None);
@@ -33,13 +33,15 @@ pub(super) fn news<'a>(
         needed.iter().map(|(&name, frames)| (name, frames.end - hop..frames.end)).collect();
     let mut carried: BTreeMap<&str, usize> = BTreeMap::new();
     for node in graph.nodes.iter().filter(|node| computed.contains_key(node.name.as_str())) {
-        let reads = node.tensors().zip(node.reads(computed[node.name.as_str()].clone()));
-        for (name, read) in reads.filter(|(_, read)| !read.is_empty()) {
-            let Range { start, end } = &needed[name.as_str()];
+        if !node.relation()[FRAMES].begins_anywhere() {
+            return Ok(None);
+        }
+        for (name, read) in node.reads(FRAMES, computed[node.name.as_str()].clone()) {
+            let Range { start, end } = &needed[name];
             if read.start < *start as isize || read.end > *end as isize {
                 return Ok(None);
             }
-            let before = computed[name.as_str()].start.saturating_sub(read.start as usize);
+            let before = computed[name].start.saturating_sub(read.start as usize);
             // All of the measurement is given anew.
             if before > 0 && name != MEASUREMENT {
                 let known = carried.entry(name).or_default();
@@ -48,5 +50,5 @@ pub(super) fn news<'a>(
         }
     }
     let lost = groups.iter().flat_map(|group| &group.inner).any(|name| carried.contains_key(name));
-    Ok((!lost).then_some(News { computed, carried }))
+    Ok((!lost).then_some(FollowingFrames { computed, carried }))
 }

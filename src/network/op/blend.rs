@@ -1,0 +1,89 @@
+//! Predicted kernels: weights w and a residual d for each pixel, log irradiance, estimate → the radiance whose log is
+//! l(estimate) + Σ w·(log irradiance of the tap − l(estimate)) + d.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::operation::{Kind, MAX_EXTENT, Operation, Parts, around, exactly};
+use super::relation::{Relation, Scale};
+use crate::network::kernel::{Block, Kernel, Tap};
+use crate::network::tensor::Shape;
+
+/// Parameters of [`Op::Blend`](super::Op).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Blend {
+    /// Block that is unfolded; it spans one frame.
+    pub block: Block,
+    /// Pixels, as offsets t, y, x from the result's, that the weights are for. Those outside do not count. All steps of a
+    /// plan share them.
+    #[serde(with = "shared")]
+    pub taps: Arc<[Tap]>,
+}
+
+impl Operation for Blend {
+    fn wants(&self, input: usize) -> Kind {
+        if input == 0 { Kind::Channels } else { Kind::Scalar }
+    }
+
+    fn gives(&self) -> Kind {
+        Kind::Scalar
+    }
+
+    fn shape(&self, inputs: &[Shape], _measurement: Shape) -> Result<Shape, String> {
+        let [weights, logs, estimate] = exactly(inputs)?;
+        let Self { block, taps } = self;
+        let per_pixel = taps.len() + 1;
+        if block[0] != 1
+            || !block.iter().all(|b| (1..=MAX_EXTENT).contains(b))
+            || block.iter().product::<usize>() * per_pixel != weights.c
+        {
+            return Err(format!("block {block:?} for {} channels", weights.c));
+        }
+        if taps.iter().flatten().any(|offset| offset.unsigned_abs() as usize > MAX_EXTENT) {
+            return Err(format!("taps {taps:?}"));
+        }
+        let extent = weights.extent();
+        let shape = Shape::new(std::array::from_fn(|i| extent[i] * block[i]), 1);
+        if [logs, estimate].iter().any(|input| *input != shape) {
+            return Err(format!("{shape} does not fit {logs} and {estimate}"));
+        }
+        Ok(shape)
+    }
+
+    fn relation(&self, input: usize) -> [Relation; 3] {
+        match input {
+            0 => self.block.map(|n| Relation { scale: Scale::Unfold(n), before: 0, after: 0 }),
+            1 => std::array::from_fn(|axis| {
+                let (before, after) = around(self.taps.iter().map(|tap| tap[axis]));
+                Relation::near(before, after)
+            }),
+            _ => [Relation::SAME; 3],
+        }
+    }
+
+    fn sees_camera(&self) -> bool {
+        false
+    }
+
+    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel> {
+        Some(Kernel::Blend {
+            block: self.block,
+            taps: Arc::clone(&self.taps),
+            origin: parts.origins[1].map(isize::unsigned_abs),
+        })
+    }
+}
+
+/// Taps in a file are a list like any other.
+mod shared {
+    use super::{Arc, Deserialize, Serialize, Tap};
+
+    pub fn serialize<S: serde::Serializer>(taps: &Arc<[Tap]>, serializer: S) -> Result<S::Ok, S::Error> {
+        taps[..].serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Arc<[Tap]>, D::Error> {
+        Ok(Vec::deserialize(deserializer)?.into())
+    }
+}
