@@ -77,7 +77,11 @@ impl Operation for Blend {
 
 /// Taps in a file are a list like any other.
 mod shared {
-    use super::{Arc, Deserialize, Serialize, Tap};
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Serialize};
+
+    use crate::network::kernel::Tap;
 
     pub fn serialize<S: serde::Serializer>(taps: &Arc<[Tap]>, serializer: S) -> Result<S::Ok, S::Error> {
         taps[..].serialize(serializer)
