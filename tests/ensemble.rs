@@ -3,7 +3,7 @@
 use pix2hdr::Result;
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Noise, Pattern, Sampler, Symmetry};
-use pix2hdr::synth::{self, Backend, Options, Request, Skip, Synthesizer};
+use pix2hdr::synth::{self, Backend, ExecutorChoice, Settings, Skip, Synthesizer};
 use pix2hdr::video::{Video, tone};
 
 const SIZE: [usize; 3] = [40, 80, 80];
@@ -28,19 +28,19 @@ fn capture(pattern: &str, noise: Noise) -> Capture {
     sampler.sample(&video).unwrap()
 }
 
-fn synthesise(request: Request, capture: &Capture, options: Options) -> Result<Video> {
+fn synthesise(request: ExecutorChoice, capture: &Capture, settings: &Settings) -> Result<Video> {
     let backend = Backend::choose(request, None, Precision::F32)?;
     let extent = [capture.height, capture.width];
-    let mut synthesizer = Synthesizer::with(&model(), capture.calibration(), extent, &backend, options)?;
+    let mut synthesizer = Synthesizer::new(&model(), capture.calibration(), extent, &backend, settings)?;
     Ok(synthesizer.video(capture)?.0)
 }
 
-fn on_cpu(capture: &Capture, options: Options) -> Video {
-    synthesise(Request::Cpu, capture, options).unwrap()
+fn on_cpu(capture: &Capture, settings: &Settings) -> Video {
+    synthesise(ExecutorChoice::Cpu, capture, settings).unwrap()
 }
 
-fn ensemble(ensemble: usize) -> Options {
-    Options { ensemble, ..Options::default() }
+fn ensemble(ensemble: usize) -> Settings {
+    Settings { ensemble, ..Settings::default() }
 }
 
 /// Where a view's frame or row or column lies in the recording; it may be outside. The recording of a view has the same
@@ -97,9 +97,9 @@ fn views(pattern: &str) -> Vec<Symmetry> {
 fn a_view_of_a_recording_is_a_recording() {
     // With another view of the pattern, exposures would not fit, and irradiances would be off by factors.
     let capture = capture("mpve-1-4", Noise::NONE);
-    let off = on_cpu(&capture, ensemble(1));
+    let off = on_cpu(&capture, &ensemble(1));
     for view in views("mpve-1-4") {
-        let result = on_cpu(&seen(&capture, view), ensemble(1));
+        let result = on_cpu(&seen(&capture, view), &ensemble(1));
         let [mean, largest] = difference(&off, &result, view, &capture);
         assert!(mean < 0.02, "{view:?}: {mean}");
         assert_eq!(view == Symmetry::IDENTITY, largest == 0.0, "{view:?}");
@@ -115,10 +115,10 @@ fn an_ensemble_is_the_mean_over_views() {
 
 fn is_the_mean_over_views(pattern: &str) {
     let capture = capture(pattern, Noise::default());
-    let (off, two) = (on_cpu(&capture, ensemble(0)), on_cpu(&capture, ensemble(2)));
+    let (off, two) = (on_cpu(&capture, &ensemble(0)), on_cpu(&capture, &ensemble(2)));
     let view = views(pattern)[1];
     assert!(view.backwards[0]);
-    let mut other = on_cpu(&seen(&capture, view), ensemble(1));
+    let mut other = on_cpu(&seen(&capture, view), &ensemble(1));
     // The mean of l, put where the view shows it.
     for t in 0..SIZE[0] {
         for (y, x) in (0..SIZE[1]).flat_map(|y| (0..SIZE[2]).map(move |x| (y, x))) {
@@ -136,21 +136,21 @@ fn is_the_mean_over_views(pattern: &str) {
 #[test]
 fn tiles_short_windows_and_skipping_give_the_same_bits() {
     let capture = capture("mpve-1-4", Noise::NONE);
-    let whole = on_cpu(&capture, ensemble(8));
-    for (what, options) in [
-        ("tiles", Options { side: Some(32), ..ensemble(8) }),
-        ("short windows", Options { hop: Some(16), ..ensemble(8) }),
-        ("exact skipping", Options { skip: Skip::Exact, ..ensemble(8) }),
+    let whole = on_cpu(&capture, &ensemble(8));
+    for (what, settings) in [
+        ("tiles", Settings { tile: Some(32), ..ensemble(8) }),
+        ("short windows", Settings { hop: Some(16), ..ensemble(8) }),
+        ("exact skipping", Settings { skip: Skip::Exact, ..ensemble(8) }),
     ] {
-        assert!(on_cpu(&capture, options).data == whole.data, "{what}");
+        assert!(on_cpu(&capture, &settings).data == whole.data, "{what}");
     }
 }
 
 #[test]
 fn a_gpu_takes_the_same_mean() {
     let capture = capture("mpve-1-4", Noise::default());
-    let cpu = on_cpu(&capture, ensemble(4));
-    let gpu = synthesise(Request::Gpu, &capture, ensemble(4)).unwrap();
+    let cpu = on_cpu(&capture, &ensemble(4));
+    let gpu = synthesise(ExecutorChoice::Gpu, &capture, &ensemble(4)).unwrap();
     let largest = cpu.data.iter().zip(&gpu.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(largest < 1e-4, "{largest}");
 }
@@ -159,7 +159,7 @@ fn a_gpu_takes_the_same_mean() {
 fn more_views_than_there_are_is_an_error() {
     let refused = |pattern: &str, count: usize| {
         let capture = capture(pattern, Noise::NONE);
-        synthesise(Request::Cpu, &capture, ensemble(count)).unwrap_err().to_string()
+        synthesise(ExecutorChoice::Cpu, &capture, &ensemble(count)).unwrap_err().to_string()
     };
     let message = refused("mpve-1-4", 9);
     assert!(message.contains("9 views") && message.contains('8') && !message.contains('\n'), "{message}");

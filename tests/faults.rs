@@ -16,7 +16,7 @@ use pix2hdr::frame::Frame;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError};
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, CaptureFile, Form, Noise, Pattern, Recording, Sampler, Source};
-use pix2hdr::synth::{Backend, Options, Synthesizer};
+use pix2hdr::synth::{Backend, Settings, Synthesizer};
 use pix2hdr::video::{self, Video};
 use program::{pix2hdr, weights, within_limits};
 use rand::{RngExt, SeedableRng};
@@ -35,7 +35,7 @@ fn capture(frames: usize) -> Capture {
 /// A folder with a capture in it.
 struct Desk {
     folder: tempfile::TempDir,
-    /// Options of `synth`.
+    /// Settings of `synth`.
     options: Vec<String>,
 }
 
@@ -316,7 +316,7 @@ fn an_end_at_any_moment() {
 fn synthesizer(capture: &Capture, backend: &Backend) -> Synthesizer {
     let model = Model::random(presets::by_name("tiny").unwrap().graph().unwrap(), 5).unwrap();
     let extent = [capture.height, capture.width];
-    Synthesizer::with(&model, capture.calibration(), extent, backend, Options::default()).unwrap()
+    Synthesizer::new(&model, capture.calibration(), extent, backend, &Settings::default()).unwrap()
 }
 
 /// All frames that are delivered from frame `from` on, in order, and how the run ended. `at` is called at each frame.
@@ -331,7 +331,7 @@ fn stream(
         at(frame.number);
         let mut frames = frames.lock().unwrap();
         assert_eq!(frame.number, from + frames.len(), "frames come in order");
-        frames.push(frame.frame.into_values());
+        frames.push(frame.frame.values().to_vec());
         Ok(())
     });
     (frames.into_inner().unwrap(), outcome.map(drop))

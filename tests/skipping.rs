@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Noise, Pattern, Sampler};
-use pix2hdr::synth::{Backend, Options, Report, Request, ResultFrame, Skip, Synthesizer};
+use pix2hdr::synth::{Backend, ExecutorChoice, Report, ResultFrame, Settings, Skip, Synthesizer};
 use pix2hdr::video::{Video, tone};
 
 /// Rows and columns of a cell.
@@ -42,10 +42,10 @@ fn scene(extents: [usize; 3], change: impl Fn(usize, usize, usize, f32) -> f32) 
     Video::new(frames, height, width, (0..frames * height * width).map(pixel).collect()).unwrap()
 }
 
-fn run(model: &Model, capture: &Capture, options: Options) -> (Vec<ResultFrame>, Report) {
-    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
+fn run(model: &Model, capture: &Capture, settings: &Settings) -> (Vec<ResultFrame>, Report) {
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
     let extent = [capture.height, capture.width];
-    let mut synthesizer = Synthesizer::with(model, capture.calibration(), extent, &backend, options).unwrap();
+    let mut synthesizer = Synthesizer::new(model, capture.calibration(), extent, &backend, settings).unwrap();
     let frames = Mutex::new(Vec::new());
     let report = synthesizer
         .stream(&mut *capture.frames(), 0, |frame| {
@@ -56,8 +56,8 @@ fn run(model: &Model, capture: &Capture, options: Options) -> (Vec<ResultFrame>,
     (frames.into_inner().unwrap(), report)
 }
 
-fn skip(skip: Skip) -> Options {
-    Options { skip, ..Options::default() }
+fn skip(skip: Skip) -> Settings {
+    Settings { skip, ..Settings::default() }
 }
 
 /// Whether the cell that holds a pixel was computed for a frame.
@@ -86,8 +86,8 @@ fn exact_skipping_changes_no_bit() {
         let truth = scene([160, extent[0], extent[1]], passer_by);
         let capture = camera(pattern, Noise::NONE).sample(&truth).unwrap();
         let model = model(preset);
-        let (off, _) = run(&model, &capture, Options { side, ..Options::default() });
-        let (exact, report) = run(&model, &capture, Options { side, ..skip(Skip::Exact) });
+        let (off, _) = run(&model, &capture, &Settings { tile: side, ..Settings::default() });
+        let (exact, report) = run(&model, &capture, &Settings { tile: side, ..skip(Skip::Exact) });
         let differing =
             off.iter().zip(&exact).find(|(off, exact)| off.frame.values() != exact.frame.values());
         assert_eq!(differing.map(|(off, _)| off.number), None, "{preset}, {pattern}");
@@ -103,8 +103,8 @@ fn nets_with_fixed_windows_skip_exactly_too() {
     let still = scene([48, 16, 16], |_, _, _, p| p);
     let capture = camera("mpve-1-4", Noise::NONE).sample(&still).unwrap();
     let model = model("paper");
-    let (off, _) = run(&model, &capture, Options::default());
-    let (exact, report) = run(&model, &capture, skip(Skip::Exact));
+    let (off, _) = run(&model, &capture, &Settings::default());
+    let (exact, report) = run(&model, &capture, &skip(Skip::Exact));
     assert!(off.iter().zip(&exact).all(|(off, exact)| off.frame.values() == exact.frame.values()));
     assert!(report.skipping.unwrap().active_fraction() < 0.5);
 }
@@ -115,9 +115,9 @@ fn a_scene_that_moves_is_computed() {
     let moving = scene([144, 24, 40], |t, y, x, _| texture(y, x + t));
     let capture = camera("mpve-1-4", Noise::default()).sample(&moving).unwrap();
     let model = model("tiny");
-    let (off, _) = run(&model, &capture, Options::default());
+    let (off, _) = run(&model, &capture, &Settings::default());
     for mode in [Skip::Exact, Skip::Bounded(0.002)] {
-        let (video, report) = run(&model, &capture, skip(mode));
+        let (video, report) = run(&model, &capture, &skip(mode));
         assert!(report.skipping.unwrap().active_fraction() > 0.99, "{mode:?}");
         for (off, frame) in off.iter().zip(&video) {
             let differing =
@@ -133,8 +133,8 @@ fn a_scene_that_stops_is_kept_again() {
     let stopping = scene([480, 24, 40], |t, y, x, _| texture(y, x + t.min(200)));
     let capture = quiet_camera().sample(&stopping).unwrap();
     let model = Model::load("tiny").unwrap();
-    let (off, _) = run(&model, &capture, Options::default());
-    let (kept, _) = run(&model, &capture, skip(Skip::Bounded(0.002)));
+    let (off, _) = run(&model, &capture, &Settings::default());
+    let (kept, _) = run(&model, &capture, &skip(Skip::Bounded(0.002)));
     let share = |frame: &ResultFrame| {
         let (active, slab) = frame.computed.as_ref().unwrap();
         let cells = active.slab(*slab);
@@ -155,7 +155,7 @@ fn noise_alone_wakes_nothing() {
     let still = scene([400, 48, 64], |_, _, _, p| p);
     let mut capture = camera("mpve-1-4", Noise::default()).sample(&still).unwrap();
     for noise in ["stated", "estimated"] {
-        let (_, report) = run(&model("tiny"), &capture, skip(Skip::Bounded(0.002)));
+        let (_, report) = run(&model("tiny"), &capture, &skip(Skip::Bounded(0.002)));
         let skipped = report.skipping.unwrap();
         assert_eq!(skipped.noise, noise);
         let whole = skipped.whole_windows as f64 / report.windows as f64;
@@ -180,7 +180,7 @@ fn small_changes_are_not_averaged_away() {
         }
     });
     let capture = camera("mpve-1-4", Noise::default()).sample(&changing).unwrap();
-    let (frames, report) = run(&model("tiny"), &capture, skip(Skip::Bounded(0.002)));
+    let (frames, report) = run(&model("tiny"), &capture, &skip(Skip::Bounded(0.002)));
     assert!(computed(&frames[22 * 8 + 4], 40, 50), "the flash was missed");
     let seen = frames.iter().skip(40).filter(|frame| computed(frame, 20, speck(frame.number))).count();
     assert!(seen as f64 > 0.9 * 200.0, "the speck was seen in {seen} of 200 frames");
@@ -195,9 +195,9 @@ fn slow_drift_stays_within_the_allowed_error() {
     let brightening = scene([800, 24, 32], |t, _, _, p| 0.25 * p * 1.001f32.powf(t as f32 / 40.0));
     let capture = quiet_camera().sample(&brightening).unwrap();
     let model = Model::load("fast").unwrap();
-    let (off, _) = run(&model, &capture, Options::default());
+    let (off, _) = run(&model, &capture, &Settings::default());
     for allowed in [0.0005, 0.001] {
-        let (kept, report) = run(&model, &capture, skip(Skip::Bounded(allowed)));
+        let (kept, report) = run(&model, &capture, &skip(Skip::Bounded(allowed)));
         let skipped = report.skipping.unwrap();
         assert!(skipped.active_fraction() < 0.4, "{skipped:?}");
         let [rows, cols] = skipped.cell;
@@ -220,10 +220,10 @@ fn slow_drift_stays_within_the_allowed_error() {
 #[test]
 fn windows_of_another_length_need_a_net_that_gives_the_same() {
     let capture = camera("mpve-1-4", Noise::NONE).sample(&scene([9, 16, 16], |_, _, _, p| p)).unwrap();
-    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
     let hop = |model: &Model, hop| {
-        let options = Options { hop: Some(hop), ..Options::default() };
-        Synthesizer::with(model, capture.calibration(), [16, 16], &backend, options).map(|_| ())
+        let settings = Settings { hop: Some(hop), ..Settings::default() };
+        Synthesizer::new(model, capture.calibration(), [16, 16], &backend, &settings).map(|_| ())
     };
     hop(&model("tiny"), 16).unwrap();
     assert!(hop(&model("paper"), 16).unwrap_err().to_string().contains("16"));

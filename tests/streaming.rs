@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use pix2hdr::frame::Frame;
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, CaptureFile, Form, Pattern, Recording, Sampler, Source, Timing};
-use pix2hdr::synth::{Backend, Options, Request, Skip, Synthesizer};
+use pix2hdr::synth::{Backend, ExecutorChoice, Settings, Skip, Synthesizer};
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
 use serde_json::Map;
@@ -27,9 +27,9 @@ fn capture(frames: usize, timing: Timing) -> Capture {
 }
 
 fn synthesizer(capture: &Capture, skip: Skip) -> Synthesizer {
-    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
-    let options = Options { skip, ..Options::default() };
-    Synthesizer::with(&model(), capture.calibration(), [16, 20], &backend, options).unwrap()
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
+    let settings = Settings { skip, ..Settings::default() };
+    Synthesizer::new(&model(), capture.calibration(), [16, 20], &backend, &settings).unwrap()
 }
 
 /// Frames with their numbers.
@@ -37,7 +37,7 @@ fn stream(synthesizer: &mut Synthesizer, source: &mut dyn Source, from: usize) -
     let frames = Mutex::new(Vec::new());
     synthesizer
         .stream(source, from, |frame| {
-            frames.lock().unwrap().push((frame.number, frame.frame.into_values()));
+            frames.lock().unwrap().push((frame.number, frame.frame.values().to_vec()));
             Ok(())
         })
         .unwrap();
@@ -96,7 +96,7 @@ fn a_stopped_run_leaves_a_beginning() {
             if frame.number == 100 {
                 stop.store(true, Ordering::Relaxed);
             }
-            delivered.lock().unwrap().push((frame.number, frame.frame.into_values()));
+            delivered.lock().unwrap().push((frame.number, frame.frame.values().to_vec()));
             Ok(())
         })
         .unwrap();

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use pix2hdr::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler};
-use pix2hdr::synth::{Backend, Options, Skip, Synthesizer};
+use pix2hdr::synth::{Backend, Settings, Skip, Synthesizer};
 use pix2hdr::video::Video;
 use support::gpu;
 
@@ -112,9 +112,9 @@ fn moving(frames: usize, height: usize, width: usize) -> Video {
     Video::new(frames, height, width, (0..frames * height * width).map(value).collect()).unwrap()
 }
 
-fn synthesise(model: &Model, capture: &Capture, backend: &Backend, options: Options) -> Video {
+fn synthesise(model: &Model, capture: &Capture, backend: &Backend, settings: &Settings) -> Video {
     let extent = [capture.height, capture.width];
-    let mut synthesizer = Synthesizer::with(model, capture.calibration(), extent, backend, options).unwrap();
+    let mut synthesizer = Synthesizer::new(model, capture.calibration(), extent, backend, settings).unwrap();
     synthesizer.video(capture).unwrap().0
 }
 
@@ -124,19 +124,19 @@ fn the_same_input_gives_the_same_bytes() {
     let model = stability::preset("fast").unwrap();
     let capture = capture("mpve-1-4", &moving(11, 24, 60));
     for backend in backends() {
-        let whole = synthesise(&model, &capture, &backend, Options::default());
-        let same = |what: &str, options: Options| {
-            let again = synthesise(&model, &capture, &backend, options);
+        let whole = synthesise(&model, &capture, &backend, &Settings::default());
+        let same = |what: &str, settings: Settings| {
+            let again = synthesise(&model, &capture, &backend, &settings);
             let what = format!("{} {}: {what}", backend.name(), backend.precision().name());
             assert!(again.data == whole.data, "{what} changes the result");
         };
-        same("a second run", Options::default());
-        same("tiles of 16 pixels", Options { side: Some(16), ..Options::default() });
-        same("short windows", Options { hop: Some(4), ..Options::default() });
-        same("skipping what repeats", Options { skip: Skip::Exact, ..Options::default() });
+        same("a second run", Settings::default());
+        same("tiles of 16 pixels", Settings { tile: Some(16), ..Settings::default() });
+        same("short windows", Settings { hop: Some(4), ..Settings::default() });
+        same("skipping what repeats", Settings { skip: Skip::Exact, ..Settings::default() });
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| same(&format!("{threads} threads"), Options::default()));
+            pool.install(|| same(&format!("{threads} threads"), Settings::default()));
         }
     }
 }
@@ -150,7 +150,7 @@ fn the_smallest_recordings() {
         model.graph.pattern = "any".into();
         for frames in [1, 2, pattern.period() + 1] {
             let capture = capture(name, &moving(frames, pattern.rows(), pattern.cols()));
-            let video = synthesise(&model, &capture, &Backend::Cpu, Options::default());
+            let video = synthesise(&model, &capture, &Backend::Cpu, &Settings::default());
             assert_eq!([video.frames, video.height, video.width], [frames, pattern.rows(), pattern.cols()]);
             assert!(video.data.iter().all(|p| p.is_finite() && *p >= 0.0), "{name}, {frames} frames");
         }
@@ -167,7 +167,7 @@ fn a_constant_scene_stays_constant() {
     sampler.noise = pix2hdr::sensor::Noise::NONE;
     let capture = sampler.sample(&video).unwrap();
     let model = stability::preset("fast").unwrap();
-    let result = synthesise(&model, &capture, &Backend::Cpu, Options::default());
+    let result = synthesise(&model, &capture, &Backend::Cpu, &Settings::default());
     // Read-outs that began before the first frame are dark.
     for t in 48..3000 - 32 {
         assert!(result.frame(t) == result.frame(t - 8), "frame {t} differs from the one a period before");

@@ -3,7 +3,7 @@
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Model, Plan, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use pix2hdr::synth::{Backend, Request, Synthesizer, check_fits};
+use pix2hdr::synth::{Backend, ExecutorChoice, Settings, Synthesizer, check_fits};
 use pix2hdr::video::Video;
 
 fn model(preset: &str) -> Model {
@@ -23,9 +23,11 @@ fn camera() -> Sampler {
 }
 
 fn synthesise(model: &Model, capture: &Capture, side: Option<usize>) -> Video {
-    let backend = Backend::choose(Request::Cpu, None, Precision::F32).unwrap();
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
     let extent = [capture.height, capture.width];
-    let mut synthesizer = Synthesizer::new(model, capture.calibration(), extent, &backend, side).unwrap();
+    let settings = Settings { tile: side, ..Settings::default() };
+    let mut synthesizer =
+        Synthesizer::new(model, capture.calibration(), extent, &backend, &settings).unwrap();
     synthesizer.video(capture).unwrap().0
 }
 
@@ -96,7 +98,8 @@ fn every_size_works() {
 fn times_are_those_of_frames_that_were_delivered() {
     let (model, capture) = (model("tiny"), camera().sample(&truth(5, 16, 16)).unwrap());
     let mut synthesizer =
-        Synthesizer::new(&model, capture.calibration(), [16, 16], &Backend::Cpu, None).unwrap();
+        Synthesizer::new(&model, capture.calibration(), [16, 16], &Backend::Cpu, &Settings::default())
+            .unwrap();
     let (_, report) = synthesizer.video(&capture).unwrap();
     assert_eq!((report.windows, report.frames), (1, 5));
     let all = 5.0 * report.ms_per_frame() / 1e3;

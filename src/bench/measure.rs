@@ -14,7 +14,7 @@ use crate::gpu::{self, Formats, GpuExecutor, Variant};
 use crate::network::{Executor, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
-use crate::synth::{Backend, Ensemble, Options, Skip, Skipped, Synthesizer, tiles::Grid, views, windows};
+use crate::synth::{Backend, Ensemble, Settings, Skip, Skipped, Synthesizer, tiles::Grid, views, windows};
 use crate::video::Video;
 
 /// A sample takes at least this long, so that it outweighs the way to a device: short windows are computed several
@@ -32,8 +32,8 @@ pub struct Effort {
 
 /// What is measured.
 pub struct Case<'a> {
-    /// Name of the preset or weights file.
-    pub preset: &'a str,
+    /// What was chosen: weights, and what may be left out, in how many views.
+    pub settings: &'a Settings,
     /// The net.
     pub model: &'a Model,
     /// Whether its weights were trained: random ones compute as fast, but what comes out is no picture.
@@ -42,10 +42,6 @@ pub struct Case<'a> {
     pub backend: &'a Backend,
     /// What that can do at most.
     pub peak: Peak,
-    /// What may be left out.
-    pub skip: Skip,
-    /// Views of which the mean is taken.
-    pub ensemble: usize,
     /// How GPU convolutions are divided, if that is not to be chosen by layer. Only inference is measured then.
     pub variant: Option<Variant>,
     /// How much time is spent.
@@ -183,24 +179,25 @@ impl Case<'_> {
         let inference = self.inference(&mut tiles, schedule)?;
         // What is skipped depends on the windows before, so only the whole job shows it.
         let (wall, frames) = match &whole {
-            Some(whole) if self.skip != Skip::Off => (&whole.frame_times, 1.0),
+            Some(whole) if self.settings.skip != Skip::Off => (&whole.frame_times, 1.0),
             _ => (&inference.wall, hop),
         };
         let peak_memory_bytes = memory.then(machine::peak_memory).flatten();
 
         let precision = self.backend.precision();
-        let floors =
-            self.peak.floors(tiles.iter().map(|tile| (&tile.plan, tile.count * self.ensemble)), precision);
+        let floors = self
+            .peak
+            .floors(tiles.iter().map(|tile| (&tile.plan, tile.count * self.settings.ensemble)), precision);
         let per_frame = |seconds: f64| 1e3 * seconds / hop;
         let wall_per_frame = |seconds: f64| 1e3 * seconds / frames;
         let median = wall_per_frame(wall.median());
         let mut checked = self.executor(oracle.plan().clone(), &calibration)?;
         let psnr_vs_oracle_db = match &whole {
-            Some(whole) if oracle.is_whole() && self.ensemble == 1 => {
+            Some(whole) if oracle.is_whole() && self.settings.ensemble == 1 => {
                 Some(oracle.psnr_of_video(clip, &whole.video))
             }
             // The executor by itself never skips.
-            _ if self.skip != Skip::Off => None,
+            _ if self.settings.skip != Skip::Off => None,
             _ => Some(oracle.psnr_of_executor(&mut *checked)?),
         };
         let psnr_mu_db = match &whole {
@@ -210,13 +207,13 @@ impl Case<'_> {
         let layers = if self.per_layer { Some(self.layers(&mut tiles, schedule)?) } else { None };
         let [height, width] = clip.extent();
         Ok(Row {
-            preset: self.preset.to_owned(),
+            preset: self.settings.weights.clone(),
             weights: if self.trained { "trained" } else { "random" },
             executor: self.backend.name(),
             adapter: self.backend.adapter(),
             precision: precision.name(),
-            skip: self.skip.name(),
-            ensemble: self.ensemble,
+            skip: self.settings.skip.name(),
+            ensemble: self.settings.ensemble,
             scene: clip.scene.clone(),
             width,
             height,
@@ -255,9 +252,8 @@ impl Case<'_> {
     /// The whole job.
     fn end_to_end(&self, clip: &Clip, calibration: &Calibration) -> Result<EndToEnd> {
         let extent = clip.extent();
-        let options = Options { skip: self.skip, ensemble: self.ensemble, ..Options::default() };
         let mut synthesizer =
-            Synthesizer::with(self.model, calibration.clone(), extent, self.backend, options)?;
+            Synthesizer::new(self.model, calibration.clone(), extent, self.backend, self.settings)?;
         // Every run gives the same.
         let (mut video, mut computed) = (Video::black(0, 0, 0), 1.0);
         let runs = repeat(self.effort.patience, || {
@@ -281,7 +277,7 @@ impl Case<'_> {
     fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<Tile>> {
         let window = self.model.graph.window;
         let seen = clip.window(window, clip.last_window(window), calibration, grid.extent());
-        let views = views(&self.model.graph, calibration, self.ensemble)?;
+        let views = views(&self.model.graph, calibration, self.settings.ensemble)?;
         let streams = grid.count() == 1 && views.len() == 1;
         let mut tiles: Vec<Tile> = Vec::new();
         for (row, col) in grid.tiles() {

@@ -6,7 +6,7 @@ use crate::Result;
 use crate::network::Model;
 use crate::quality::compare;
 use crate::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use crate::synth::{Backend, Synthesizer};
+use crate::synth::{Backend, Settings, Synthesizer};
 use crate::video::Counts;
 use crate::video::Video;
 
@@ -98,7 +98,8 @@ pub fn sensitivity(
     disturbed.push(("every 16th frame dropped, filled", capture));
 
     let extent = [sound.height, sound.width];
-    let mut synthesizer = Synthesizer::new(model, sound.calibration(), extent, backend, None)?;
+    let mut synthesizer =
+        Synthesizer::new(model, sound.calibration(), extent, backend, &Settings::default())?;
     let mut psnr =
         |capture: &Capture| -> Result<f64> { Ok(compare(truth, &synthesizer.video(capture)?.0)?.psnr_mu) };
     let mut rows = Vec::new();

@@ -7,8 +7,7 @@ use crate::Result;
 use crate::frame::Frame;
 use crate::network::Model;
 use crate::sensor::{Form, Noise, Pattern, Recording, Sampler, Source};
-use crate::synth::Options;
-use crate::synth::{Backend, Skip, Synthesizer};
+use crate::synth::{Backend, Settings, Skip, Synthesizer};
 use crate::video::Video;
 
 /// What came out of a long recording of a constant scene.
@@ -67,15 +66,15 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
     let capture = sampler.sample(&Video::new(len, SIDE, SIDE, frame.repeat(len))?)?;
     let recording = capture.recording();
     let mut source = Endless { recording, period: capture.measurement(), frames, next: 0 };
-    let options = Options { skip, ..Options::default() };
-    let mut synthesizer = Synthesizer::with(model, capture.calibration(), [SIDE, SIDE], backend, options)?;
+    let settings = Settings { skip, ..Settings::default() };
+    let mut synthesizer = Synthesizer::new(model, capture.calibration(), [SIDE, SIDE], backend, &settings)?;
     // What stands in for frames beyond the ends is the scene at the same phase, so even there nothing differs; but it
     // may be computed in windows of other lengths.
     let inside = model.graph.window.frames..frames.saturating_sub(model.graph.window.frames);
     let mut before: Vec<Vec<f32>> = vec![Vec::new(); len];
     let (mut differing, mut early, mut early_is_known) = (0, None, false);
     let report = synthesizer.stream(&mut source, 0, |result| {
-        let (number, values) = (result.number, result.frame.into_values());
+        let (number, values) = (result.number, result.frame.values().to_vec());
         let last = &mut before[number % len];
         if let Some(at) = values.iter().position(|p| !p.is_finite()) {
             let problem = format!("frame {number}: value {at} is not finite");

@@ -8,13 +8,13 @@ use crate::gpu::Variant;
 use crate::network::{self, Model, presets};
 use crate::scene::procedural;
 use crate::sensor::Pattern;
-use crate::synth::{self, Backend, Request, fitted};
+use crate::synth::{self, Backend, ExecutorChoice, Settings, fitted};
 use crate::video::atomic;
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Executor, Precision, Skip, allowed_error, at_least_one, show};
+use super::options::{Precision, Skip, allowed_error, at_least_one, show};
 use super::scene::Size;
 use super::stability::Stability;
 use super::table::{Table, figure, short};
@@ -41,7 +41,7 @@ pub struct Bench {
     frames: Vec<usize>,
     /// Where the nets run
     #[arg(long, value_enum, value_delimiter = ',', default_value = "auto", value_name = "EXECUTOR,…")]
-    executor: Vec<Executor>,
+    executor: Vec<ExecutorChoice>,
     /// Part of the name of the GPU adapter to use
     #[arg(long, value_name = "SUBSTRING")]
     adapter: Option<String>,
@@ -201,11 +201,10 @@ impl Bench {
     /// Where the nets run, each place once.
     fn backends(&self) -> Result<Vec<Backend>> {
         let mut backends: Vec<Backend> = Vec::new();
-        for executor in &self.executor {
-            let request = executor.request();
+        for &executor in &self.executor {
             // A name of an adapter says nothing about the CPU.
-            let adapter = self.adapter.as_deref().filter(|_| request != Request::Cpu);
-            let backend = Backend::choose(request, adapter, network::Precision::F32)?;
+            let adapter = self.adapter.as_deref().filter(|_| executor != ExecutorChoice::Cpu);
+            let backend = Backend::choose(executor, adapter, network::Precision::F32)?;
             let same =
                 |other: &Backend| (other.name(), other.adapter()) == (backend.name(), backend.adapter());
             if !backends.iter().any(same) {
@@ -259,14 +258,14 @@ impl Bench {
                     for &(ref backend, peak) in backends {
                         for backend in &self.at_precisions(backend) {
                             for &(skip, ensemble) in &ways {
+                                let weights = preset.clone();
+                                let settings = Settings { weights, skip, ensemble, ..Settings::default() };
                                 let case = Case {
-                                    preset,
+                                    settings: &settings,
                                     model,
                                     trained: *trained,
                                     backend,
                                     peak,
-                                    skip,
-                                    ensemble,
                                     variant: self.variant,
                                     effort,
                                     per_layer: self.per_layer,

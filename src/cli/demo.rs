@@ -4,18 +4,18 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::baseline::box_filter;
+use crate::job::{Job, Memory, Outcome, contact_sheet, shown_frames};
 use crate::quality::{Panel, Plot, compare};
 use crate::scene::procedural;
 use crate::sensor::{Capture, hold_to_covering};
-use crate::synth::check_fits;
 use crate::video::{self, Video, Writing};
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Camera, Engine, show};
+use super::options::{Camera, SettingsArgs, show};
 use super::scene::Size;
-use super::synth::{contact_sheet, run_json, run_text, shown_frames};
+use super::synth::run_text;
 use super::terminal;
 
 /// Shows the main job on a built-in scene: ground truth, capture, synthesis, measures, pictures
@@ -35,7 +35,7 @@ pub struct Demo {
     #[command(flatten)]
     camera: Camera,
     #[command(flatten)]
-    engine: Engine,
+    settings: SettingsArgs,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -48,21 +48,19 @@ impl Demo {
         let Size { height, width, .. } = self.size;
         // What cannot work is said before anything is rendered.
         let sampler = self.camera.sampler()?;
-        let model = self.engine.model(sampler.pattern())?;
-        let backend = self.engine.backend()?;
+        let settings = self.settings.settings();
+        let (model, backend) = (settings.model(sampler.pattern())?, settings.backend()?);
         let scene = procedural::by_name(&self.scene, height, width, self.camera.seed).ok_or_else(|| {
             Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
         })?;
         let (truth, anchor) = self.size.render(&*scene, self.camera.seed)?;
         let mut capture = sampler.sample(&truth)?;
         capture.info.anchor = Some(f64::from(anchor));
-        if let Some(warning) = check_fits(&model, &capture.recording())? {
-            terminal::warn(&warning);
-        }
+        let job = Job::with(capture.frames(), settings, model, backend)?;
+        job.warnings().iter().for_each(terminal::warn);
+        let sink = Memory::new(truth.frames, truth.extent());
+        let Outcome { output: result, report, summary } = job.run(sink, |_| ())?;
         let calibration = capture.calibration();
-        let mut synthesizer =
-            self.engine.synthesizer(&model, calibration.clone(), [height, width], &backend)?;
-        let (result, report) = synthesizer.video(&capture)?;
         let covering = hold_to_covering(&capture);
         let measurement = covering.measurement();
         let filtered = box_filter(&measurement, &calibration, covering.info.schedule_start);
@@ -93,8 +91,9 @@ impl Demo {
             480,
         )?;
         let seconds = begun.elapsed().as_secs_f64();
-        let mut json = run_json(&self.engine.describe(&model, &backend), &report, seconds);
+        let mut json = serde_json::to_value(&summary)?;
         let report_path = add("report.json");
+        json["seconds"] = seconds.into();
         json["scene"] = json!(self.scene);
         json["measures"] = measures;
         json["files"] = files.iter().map(|path| show(path)).collect();

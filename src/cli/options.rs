@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::network::{self, Model};
-use crate::sensor::{Calibration, Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
-use crate::synth::{self, Backend, Options, Request, Synthesizer};
+use crate::network;
+use crate::sensor::{Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
+use crate::synth::{self, ExecutorChoice, Settings};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -12,13 +12,13 @@ use serde_json::{Map, Value};
 
 /// Which net runs where.
 #[derive(Args, Clone, Debug)]
-pub struct Engine {
+pub struct SettingsArgs {
     /// Weights file, or name of a built-in preset
     #[arg(long, default_value = "fast", value_name = "FILE|PRESET")]
     pub weights: String,
     /// Where the net runs
     #[arg(long, value_enum, default_value_t)]
-    pub executor: Executor,
+    pub executor: ExecutorChoice,
     /// Part of the name of the GPU adapter to use
     #[arg(long, value_name = "SUBSTRING")]
     pub adapter: Option<String>,
@@ -60,18 +60,6 @@ pub fn allowed_error(text: &str) -> std::result::Result<f64, String> {
         Ok(error) if (0.0..=1.0).contains(&error) => Ok(error),
         _ => Err("expected a number from 0 to 1".into()),
     }
-}
-
-/// Where a net runs.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub enum Executor {
-    /// A real GPU if there is one, else the CPU
-    #[default]
-    Auto,
-    /// A GPU, software Vulkan included
-    Gpu,
-    /// The CPU
-    Cpu,
 }
 
 /// How numbers are stored.
@@ -117,64 +105,19 @@ impl Precision {
     }
 }
 
-impl Executor {
-    /// What is asked for.
-    pub fn request(self) -> Request {
-        match self {
-            Self::Auto => Request::Auto,
-            Self::Gpu => Request::Gpu,
-            Self::Cpu => Request::Cpu,
-        }
-    }
-}
-
-impl Engine {
-    /// The net that `--weights` names, for captures of `pattern`.
-    pub fn model(&self, pattern: &Pattern) -> Result<Model> {
-        Model::load_for(&self.weights, pattern)
-    }
-
-    /// Where it runs.
-    pub fn backend(&self) -> Result<Backend> {
-        Backend::choose(self.executor.request(), self.adapter.as_deref(), self.precision.storage())
-    }
-
-    /// What may be left out.
-    fn skip(&self) -> synth::Skip {
-        self.skip.within(self.allowed_error)
-    }
-
-    /// A synthesizer for frames of `extent` [rows, columns].
-    pub fn synthesizer(
-        &self,
-        model: &Model,
-        calibration: Calibration,
-        extent: [usize; 2],
-        backend: &Backend,
-    ) -> Result<Synthesizer> {
-        let options = Options {
-            side: self.tile,
-            skip: self.skip(),
+impl SettingsArgs {
+    /// What was chosen.
+    pub fn settings(&self) -> Settings {
+        Settings {
+            weights: self.weights.clone(),
+            executor: self.executor,
+            adapter: self.adapter.clone(),
+            precision: self.precision.storage(),
+            skip: self.skip.within(self.allowed_error),
+            tile: self.tile,
             hop: self.hop.map(usize::from),
             ensemble: usize::from(self.ensemble),
-        };
-        Synthesizer::with(model, calibration, extent, backend, options)
-    }
-
-    /// What ran, for reports.
-    pub fn describe(&self, model: &Model, backend: &Backend) -> Map<String, Value> {
-        let Value::Object(map) = serde_json::json!({
-            "weights": self.weights,
-            "net": model.graph.name,
-            "executor": backend.name(),
-            "adapter": backend.adapter(),
-            "precision": backend.precision().name(),
-            "skip": self.skip().name(),
-            "ensemble": self.ensemble,
-        }) else {
-            unreachable!("an object was written")
-        };
-        map
+        }
     }
 }
 

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::Result;
 use crate::sensor::Capture;
+use crate::system::is_same_file;
 use crate::video::{self, check_free};
+use crate::{At, Error, Result};
 use clap::Args;
 use serde_json::json;
 
@@ -38,12 +39,18 @@ impl Sample {
         for file in Capture::files(&self.out) {
             check_free(&file, self.overwrite)?;
         }
+        for file in Capture::files(&self.out) {
+            if is_same_file(&file, &self.video) {
+                let problem = "is the video itself; name another folder";
+                return Err(Error::Usage(problem.into())).at(&file);
+            }
+        }
         let sampler = self.camera.sampler()?;
         let mut video = video::read(&self.video)?;
         let anchor = self.normalise.then(|| f64::from(video.normalise()));
         let brightest = video.data.iter().copied().fold(0.0, f32::max);
         if brightest > 4.0 {
-            terminal::warn(&format!(
+            terminal::warn(format!(
                 "irradiance reaches {brightest:.1}, but p = 1 should be the 99th percentile: use --normalise?"
             ));
         }

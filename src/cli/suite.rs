@@ -7,10 +7,11 @@ use crate::network::Model;
 use crate::quality::{Method, Suite, SuiteReport};
 use crate::scene::Panorama;
 use crate::sensor::{Calibration, Form, Pattern, Response};
+use crate::synth::Synthesizer;
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Engine, at_least_one};
+use super::options::{SettingsArgs, at_least_one};
 use super::terminal;
 
 /// Measures quality on the same deterministic clips for every method, from any folder of panoramas
@@ -23,7 +24,7 @@ pub struct SuiteCommand {
     #[arg(long, value_name = "FOLDER")]
     panoramas: PathBuf,
     #[command(flatten)]
-    engine: Engine,
+    settings: SettingsArgs,
     /// More weights files or presets to compare
     #[arg(value_name = "FILE|PRESET")]
     more: Vec<String>,
@@ -52,11 +53,12 @@ impl SuiteCommand {
         let calibration = Calibration::new(&pattern, &response);
         let extent = [self.size, self.size];
         let panoramas = Panorama::read_folder(&self.panoramas)?;
-        let backend = self.engine.backend()?;
+        let settings = self.settings.settings();
+        let backend = settings.backend()?;
         let mut methods = vec![("box".to_owned(), Method::Box)];
-        for name in std::iter::once(&self.engine.weights).chain(&self.more) {
+        for name in std::iter::once(&self.settings.weights).chain(&self.more) {
             let model = Model::load_for(name, &pattern)?;
-            let synthesizer = self.engine.synthesizer(&model, calibration.clone(), extent, &backend)?;
+            let synthesizer = Synthesizer::new(&model, calibration.clone(), extent, &backend, &settings)?;
             methods.push((name.clone(), Method::Net(Box::new(synthesizer))));
         }
         let suite = Suite { pattern, frames: self.frames, extent, seed: self.seed };

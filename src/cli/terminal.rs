@@ -1,5 +1,6 @@
 //! What the user sees while a command runs: messages and progress on standard error, results on standard output.
 
+use std::fmt::Display;
 use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -37,7 +38,7 @@ pub fn progress(len: usize, message: &'static str) -> ProgressBar {
 }
 
 /// A warning, on standard error.
-pub fn warn(message: &str) {
+pub fn warn(message: impl Display) {
     eprintln!("pix2hdr: warning: {message}");
 }
 

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::plan::{Plan, Step};
 use super::tensor::Tensor;
 use crate::{Error, Result};
@@ -16,7 +18,8 @@ pub struct WindowTime {
 }
 
 /// How tensors of feature channels and weights are stored; all arithmetic is f32, and so are scalars.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// 32 bits.
     #[default]

@@ -16,6 +16,7 @@ use super::error::NetworkError;
 use super::graph::Graph;
 use super::kernel::{Convolution, Direction, Layer};
 use super::presets;
+use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::sensor::Pattern;
 use crate::{At, Error, Result};
 
@@ -43,6 +44,13 @@ pub struct Trained {
     pub response: Value,
     /// Data, seed, steps, hours, hardware, scores.
     pub provenance: Value,
+}
+
+impl Fingerprinted for Model {
+    fn mark(&self, fingerprint: &mut Fingerprint) -> Result<()> {
+        fingerprint.note("net", &self.graph.name)?;
+        fingerprint.note("weights_digest", self.digest())
+    }
 }
 
 impl Model {

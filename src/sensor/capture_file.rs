@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
 
 use serde_json::{Map, Value};
 
@@ -9,6 +10,7 @@ use super::capture::{ARRAY, described_in};
 use super::covering::{Covering, HeldFrames, Pixels};
 use super::text::read_text;
 use super::{Capture, CaptureInfo, Recording, SensorError, Source, Timing};
+use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::frame::Frame;
 use crate::system::is_same_file;
 use crate::video::{Counts, ReadCounts, check_size, open_counts};
@@ -25,6 +27,21 @@ pub struct CaptureFile {
     /// The file of counts.
     pub array: PathBuf,
     counts: Box<dyn ReadCounts>,
+}
+
+impl Fingerprinted for CaptureFile {
+    /// The file, unless it was written anew, and how it is read.
+    fn mark(&self, fingerprint: &mut Fingerprint) -> Result<()> {
+        let meta = std::fs::metadata(&self.array).at(&self.array)?;
+        let modified = meta.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+        let path = std::fs::canonicalize(&self.array).at(&self.array)?;
+        fingerprint.note("capture", path.display().to_string())?;
+        fingerprint.note("capture_bytes", meta.len())?;
+        fingerprint.note("capture_modified", modified.map(|time| time.as_secs()))?;
+        // What a file held that the description only names.
+        fingerprint.note("response", self.recording.response.form())?;
+        fingerprint.note("info", &self.recording.info)
+    }
 }
 
 impl CaptureFile {

@@ -2,23 +2,28 @@
 
 use std::sync::LazyLock;
 
+use serde::{Deserialize, Serialize};
+
 use super::tiles::Limits;
-use crate::cpu::{CpuExecutor, Shared};
+use crate::cpu::{CpuExecutor, Shared, Simd};
+use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options, cache_folder};
 use crate::network::{Executor, Plan, Precision};
 use crate::sensor::Calibration;
 use crate::system::memory;
 use crate::{Error, Result};
 
-/// What the user asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Request {
-    /// A real GPU if there is one, else the CPU executor.
+/// Where a net is to run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum ExecutorChoice {
+    /// A real GPU if there is one, else the CPU
     #[default]
     Auto,
-    /// A GPU, software Vulkan included.
+    /// A GPU, software Vulkan included
     Gpu,
-    /// The CPU executor.
+    /// The CPU
     Cpu,
 }
 
@@ -48,20 +53,22 @@ fn cpu_bytes() -> u64 {
 }
 
 impl Backend {
-    /// The backend that a request gets; `adapter` is a part of an adapter's name. The CPU executor knows f32 alone.
-    pub fn choose(request: Request, adapter: Option<&str>, precision: Precision) -> Result<Self> {
-        let choice =
-            AdapterChoice { substring: adapter.map(str::to_owned), allow_software: request == Request::Gpu };
-        match request {
-            Request::Cpu if adapter.is_some() => {
+    /// The backend that a choice gets; `adapter` is a part of an adapter's name. The CPU executor knows f32 alone.
+    pub fn choose(executor: ExecutorChoice, adapter: Option<&str>, precision: Precision) -> Result<Self> {
+        let choice = AdapterChoice {
+            substring: adapter.map(str::to_owned),
+            allow_software: executor == ExecutorChoice::Gpu,
+        };
+        match executor {
+            ExecutorChoice::Cpu if adapter.is_some() => {
                 Err(Error::Usage("--adapter names a GPU, but --executor cpu was asked for".into()))
             }
-            Request::Cpu if precision != Precision::F32 => {
+            ExecutorChoice::Cpu if precision != Precision::F32 => {
                 Err(Error::Usage(format!("the CPU executor has no {}, only f32", precision.name())))
             }
-            Request::Cpu => Ok(Self::Cpu),
+            ExecutorChoice::Cpu => Ok(Self::Cpu),
             // A named adapter must be there; without a name, the absence of a GPU is what `auto` is for.
-            Request::Auto if adapter.is_none() => match Gpu::open(&choice) {
+            ExecutorChoice::Auto if adapter.is_none() => match Gpu::open(&choice) {
                 Ok(gpu) => Ok(Self::Gpu(gpu, precision)),
                 Err(error) if precision != Precision::F32 => Err(Error::Usage(format!(
                     "{} needs a GPU (--executor gpu takes software Vulkan too): {error}",
@@ -72,7 +79,7 @@ impl Backend {
                     Ok(Self::Cpu)
                 }
             },
-            Request::Auto | Request::Gpu => Ok(Self::Gpu(Gpu::open(&choice)?, precision)),
+            ExecutorChoice::Auto | ExecutorChoice::Gpu => Ok(Self::Gpu(Gpu::open(&choice)?, precision)),
         }
     }
 
@@ -152,16 +159,31 @@ impl Backend {
     }
 }
 
+impl Fingerprinted for Backend {
+    fn mark(&self, fingerprint: &mut Fingerprint) -> Result<()> {
+        fingerprint.note("executor", self.name())?;
+        fingerprint.note("precision", self.precision().name())?;
+        // Some of what runs beside a GPU is computed on the CPU too.
+        fingerprint.note("simd", Simd::widest().name())?;
+        let adapter = match self {
+            Self::Gpu(gpu, _) => Some(gpu.adapter()),
+            Self::Cpu => None,
+        };
+        fingerprint.note("adapter", adapter.map(|adapter| &adapter.name))?;
+        fingerprint.note("driver", adapter.map(|adapter| &adapter.driver))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn f16_is_never_replaced_silently() {
-        let refusal = Backend::choose(Request::Cpu, None, Precision::F16).err().unwrap().to_string();
+        let refusal = Backend::choose(ExecutorChoice::Cpu, None, Precision::F16).err().unwrap().to_string();
         assert!(refusal.contains("f16") && !refusal.contains('\n'), "{refusal}");
         // Without a real GPU, `auto` would take the CPU executor.
-        match Backend::choose(Request::Auto, None, Precision::F16) {
+        match Backend::choose(ExecutorChoice::Auto, None, Precision::F16) {
             Ok(backend) => assert_eq!(backend.precision(), Precision::F16),
             Err(error) => assert!(error.to_string().contains("f16 needs a GPU"), "{error}"),
         }

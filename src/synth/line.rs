@@ -26,7 +26,7 @@ pub struct ResultFrame {
     /// Its number in the recording.
     pub number: usize,
     /// Irradiance p.
-    pub frame: Frame,
+    pub frame: Arc<Frame>,
     /// Where something may be skipped, which cells of its window were computed, and its slab there.
     pub computed: Option<(Arc<Active>, usize)>,
     /// Rows and columns of a cell, in pixels.
@@ -228,7 +228,7 @@ impl<'a> Line<'a> {
             let in_window = (t - window.begin) as usize;
             let frame = ResultFrame {
                 number: (t - self.start) as usize,
-                frame: Frame::new(self.extent, t, result.frame(in_window).to_vec()),
+                frame: Arc::new(Frame::new(self.extent, t, result.frame(in_window).to_vec())),
                 computed: active.clone().map(|active| (active, in_window / self.cells.size()[0])),
                 cell: [self.cells.size()[1], self.cells.size()[2]],
                 inference,

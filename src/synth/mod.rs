@@ -8,19 +8,23 @@
 
 mod backend;
 mod ensemble;
+mod fit;
 mod footage;
 mod layout;
 mod line;
 mod pool;
 mod report;
+mod settings;
 mod skip;
 mod synthesizer;
 pub mod tiles;
 pub mod windows;
 
-pub use backend::{Backend, Request};
+pub use backend::{Backend, ExecutorChoice};
 pub use ensemble::{Ensemble, views};
+pub use fit::fitted;
 pub use line::ResultFrame;
 pub use report::Report;
+pub use settings::Settings;
 pub use skip::{Active, Audit, Skip, Skipped};
-pub use synthesizer::{Options, Synthesizer, check_fits, fitted};
+pub use synthesizer::{Synthesizer, check_fits};

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::{At, Error, Result};
 
 /// How a video is written.
@@ -28,6 +29,15 @@ impl Writing {
     pub(super) fn plane(self) -> PlaneWriting {
         let Self { half, frame_period_ms, anchor, .. } = self;
         PlaneWriting { half, frame_period_ms, anchor }
+    }
+}
+
+impl Fingerprinted for Writing {
+    /// All but whether something is replaced.
+    fn mark(&self, fingerprint: &mut Fingerprint) -> Result<()> {
+        fingerprint.note("half", self.half)?;
+        fingerprint.note("frame_period_ms", self.frame_period_ms)?;
+        fingerprint.note("anchor", self.anchor)
     }
 }
 

@@ -82,7 +82,7 @@ impl Start {
     /// The GPU that synthesises and draws the window, if one is to do both.
     fn shared_gpu(&self, dials: &Dials) -> Result<Option<Gpu>> {
         if self.device == WindowDevice::Own
-            || dials.executor == synth::Request::Cpu && self.device == WindowDevice::Auto
+            || dials.executor == synth::ExecutorChoice::Cpu && self.device == WindowDevice::Auto
         {
             return Ok(None);
         }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgAction, Parser, ValueEnum};
 use pix2hdr::Result;
-use pix2hdr::cli::options::{Camera, Engine, at_least_one};
+use pix2hdr::cli::options::{Camera, SettingsArgs, at_least_one};
 use pix2hdr::cli::terminal;
 use pix2hdr::network::Model;
 use pix2hdr::scene::Speed;
@@ -53,7 +53,7 @@ pub struct Arguments {
     #[command(flatten)]
     camera: Camera,
     #[command(flatten)]
-    engine: Engine,
+    engine: SettingsArgs,
     /// Which wgpu device draws the window
     #[arg(long, value_enum, default_value_t, value_name = "DEVICE")]
     window_device: WindowDeviceOption,
@@ -118,6 +118,8 @@ impl Arguments {
         };
         // What cannot work is said before a window opens.
         Model::load(&self.engine.weights)?;
+        let pix2hdr::synth::Settings { weights, executor, adapter, precision, skip, tile, hop, ensemble } =
+            self.engine.settings();
         let start = Start {
             request: Request::parse(&self.source),
             opening: Opening {
@@ -129,16 +131,7 @@ impl Arguments {
                 truth: self.truth.clone(),
                 plain: self.plain,
             },
-            dials: Dials {
-                weights: self.engine.weights.clone(),
-                executor: self.engine.executor.request(),
-                adapter: self.engine.adapter.clone(),
-                precision: self.engine.precision.storage(),
-                skip: self.engine.skip.within(self.engine.allowed_error),
-                side: self.engine.tile,
-                hop: self.engine.hop.map(usize::from),
-                ensemble: usize::from(self.engine.ensemble),
-            },
+            dials: Dials { weights, executor, adapter, precision, skip, side: tile, hop, ensemble },
             out: self.out.clone(),
             settings: Settings::path(),
             rate: self.rate,

@@ -43,7 +43,7 @@ pub struct Dials {
     /// Weights file or preset.
     pub weights: String,
     /// Where the net runs.
-    pub executor: synth::Request,
+    pub executor: synth::ExecutorChoice,
     /// Part of an adapter's name.
     pub adapter: Option<String>,
     /// How features and weights are stored.
@@ -539,10 +539,10 @@ impl Worker {
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name().to_owned());
         }
-        let options = synth::Options { side, skip, hop, ensemble };
+        let settings = synth::Settings { tile: side, skip, hop, ensemble, ..synth::Settings::default() };
         let synthesizer = match self.synthesizer.take() {
             Some(synthesizer) => synthesizer,
-            None => Synthesizer::with(&model, recording.calibration(), [height, width], &backend, options)?,
+            None => Synthesizer::new(&model, recording.calibration(), [height, width], &backend, &settings)?,
         };
         {
             let mut status = lock(&self.status);
@@ -780,7 +780,10 @@ impl Delivery<'_> {
             width,
             mosaic,
             filtered,
-            ours: Some(result.frame.into_values()),
+            ours: Some(
+                Arc::try_unwrap(result.frame)
+                    .map_or_else(|frame| frame.values().to_vec(), pix2hdr::frame::Frame::into_values),
+            ),
             on_gpu,
             truth,
             computed: result.computed.map(|(active, slab)| Computed { active, slab, cell: result.cell }),

@@ -334,9 +334,9 @@ impl Viewer {
             .response
             .on_hover_text("presets with weights for this pattern, and what --weights named (W)");
         let executor = |request| match request {
-            synth::Request::Auto => "auto",
-            synth::Request::Gpu => "GPU",
-            synth::Request::Cpu => "CPU",
+            synth::ExecutorChoice::Auto => "auto",
+            synth::ExecutorChoice::Gpu => "GPU",
+            synth::ExecutorChoice::Cpu => "CPU",
         };
         ComboBox::from_label("executor")
             .selected_text(executor(dials.executor))

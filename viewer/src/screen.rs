@@ -651,8 +651,14 @@ mod tests {
             for (height, width) in [(16, 24), (18, 21)] {
                 let capture = capture(height, width);
                 let backend = Backend::Gpu(gpu.clone(), precision);
-                let mut synthesizer =
-                    Synthesizer::new(&model, capture.calibration(), [height, width], &backend, None).unwrap();
+                let mut synthesizer = Synthesizer::new(
+                    &model,
+                    capture.calibration(),
+                    [height, width],
+                    &backend,
+                    &pix2hdr::synth::Settings::default(),
+                )
+                .unwrap();
                 results.begin(true);
                 let mut frames = Vec::new();
                 let start = capture.recording().info.schedule_start;
@@ -690,10 +696,16 @@ mod tests {
         results.begin(false);
         let capture = capture(16, 24);
         let backend = Backend::Gpu(gpu.clone(), Precision::F32);
-        Synthesizer::new(&model, capture.calibration(), [16, 24], &backend, None)
-            .unwrap()
-            .video(&capture)
-            .unwrap();
+        Synthesizer::new(
+            &model,
+            capture.calibration(),
+            [16, 24],
+            &backend,
+            &pix2hdr::synth::Settings::default(),
+        )
+        .unwrap()
+        .video(&capture)
+        .unwrap();
         assert!(results.take(0).is_none());
         gpu.check().unwrap();
     }

@@ -562,7 +562,8 @@ fn seek(wish: Wish) -> Option<Effect> {
 }
 
 /// All executors.
-pub const EXECUTORS: [synth::Request; 3] = [synth::Request::Auto, synth::Request::Gpu, synth::Request::Cpu];
+pub const EXECUTORS: [synth::ExecutorChoice; 3] =
+    [synth::ExecutorChoice::Auto, synth::ExecutorChoice::Gpu, synth::ExecutorChoice::Cpu];
 
 /// All precisions.
 pub const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F16];
@@ -604,7 +605,7 @@ mod tests {
     fn dials() -> Dials {
         Dials {
             weights: "fast".into(),
-            executor: synth::Request::Cpu,
+            executor: synth::ExecutorChoice::Cpu,
             adapter: None,
             precision: Precision::F32,
             skip: Skip::Off,

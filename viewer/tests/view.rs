@@ -14,7 +14,7 @@ use pix2hdr::gpu::{AdapterChoice, Gpu};
 use pix2hdr::network::Precision;
 use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use pix2hdr::synth::{Backend, Request as Executor, Skip, Synthesizer};
+use pix2hdr::synth::{Backend, ExecutorChoice as Executor, Skip, Synthesizer};
 use pix2hdr::video::{self, Video, Writing};
 use pix2hdr_viewer::clock::Reach;
 use pix2hdr_viewer::engine::{Dials, Engine, Phase, Status};
@@ -71,8 +71,14 @@ fn capture(folder: &Path, frames: usize) -> (PathBuf, Capture, Video) {
     let capture = sampler().sample(&scene(frames)).unwrap();
     capture.write(folder.join("capture")).unwrap();
     let model = pix2hdr::network::Model::load("fast").unwrap();
-    let mut synthesizer =
-        Synthesizer::new(&model, capture.calibration(), EXTENT, &Backend::Cpu, None).unwrap();
+    let mut synthesizer = Synthesizer::new(
+        &model,
+        capture.calibration(),
+        EXTENT,
+        &Backend::Cpu,
+        &pix2hdr::synth::Settings::default(),
+    )
+    .unwrap();
     let (result, _) = synthesizer.video(&capture).unwrap();
     (folder.join("capture"), capture, result)
 }

@@ -157,7 +157,7 @@ const MUTANTS: [Mutant; 20] = [
     },
     Mutant {
         what: "two processes may write one result",
-        file: "src/cli/interrupt.rs",
+        file: "src/job/resumable.rs",
         sound: "match file.try_lock() {",
         faulty: "match file.try_lock_shared() {",
         test: ["faults", "two_processes_write_one_result"],

@@ -14,6 +14,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::cells::{Active, Cells};
 use super::noise::Scatter;
@@ -35,7 +36,8 @@ const SPREAD: [usize; 2] = [2, 3];
 const RENEWAL: usize = 2048;
 
 /// What may be left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Skip {
     /// Nothing.
     #[default]

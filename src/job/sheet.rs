@@ -1,0 +1,134 @@
+//! The contact sheet of a result, and the picture of what was skipped.
+
+use std::path::PathBuf;
+
+use super::{Resumable, Sink};
+use crate::Result;
+use crate::baseline::box_filter;
+use crate::frame::Extent;
+use crate::quality::{ContactSheet, Panel};
+use crate::sensor::Recording;
+use crate::synth::{Report, ResultFrame, Skipped};
+use crate::video::{Video, png};
+
+/// Frames on the contact sheet.
+const SHOWN: usize = 6;
+
+/// A few frames spread evenly over `frames`.
+pub fn shown_frames(frames: usize) -> Vec<usize> {
+    let shown = SHOWN.min(frames);
+    (0..shown).map(|i| (2 * i + 1) * frames / (2 * shown)).collect()
+}
+
+/// Rows of mosaic, box filter and result; `mosaics` are the pixel values of the frames `shown`.
+pub fn contact_sheet(
+    recording: &Recording,
+    shown: &[usize],
+    mosaics: &[Vec<f32>],
+    result: Vec<Panel>,
+) -> ContactSheet {
+    let (width, calibration) = (recording.width, recording.calibration());
+    let filtered = mosaics.iter().zip(shown).map(|(mosaic, &t)| {
+        let mut frame = Video::black(1, recording.height, width);
+        frame.frame_mut(0).copy_from_slice(mosaic);
+        let filtered = box_filter(&frame, &calibration, recording.info.schedule_start + t as i64);
+        Panel::toned(filtered.frame(0), width)
+    });
+    let heading = |t: &usize| format!("{:.0} ms", *t as f64 * recording.info.frame_period_ms);
+    ContactSheet::new((320 / width.max(1)).clamp(1, 4))
+        .columns(shown.iter().map(heading))
+        .row("mosaic", mosaics.iter().map(|mosaic| Panel::linear(mosaic, width)))
+        .row("box filter", filtered)
+        .row("pix2hdr", result)
+}
+
+/// Collects what `contact-sheet.png` shows and, where something was skipped, `skipped.png`: the shown frames with what was
+/// computed in red, and how often it was over the whole run.
+pub struct Sheet {
+    folder: PathBuf,
+    recording: Recording,
+    shown: Vec<usize>,
+    mosaics: Vec<Vec<f32>>,
+    panels: Vec<Panel>,
+    /// Shown frames, and which cells of each were computed.
+    overlay: Vec<(Panel, Vec<bool>)>,
+}
+
+impl Sheet {
+    /// Of a result in `folder`, of so many frames of a recording; `mosaic` gives the pixel values [y, x] of a frame.
+    pub fn new(
+        folder: PathBuf,
+        recording: Recording,
+        frames: usize,
+        mosaic: impl FnMut(usize) -> Result<Vec<f32>>,
+    ) -> Result<Self> {
+        let shown = shown_frames(frames);
+        let mosaics = shown.iter().copied().map(mosaic).collect::<Result<Vec<_>>>()?;
+        Ok(Self { folder, recording, shown, mosaics, panels: Vec::new(), overlay: Vec::new() })
+    }
+
+    /// Shows frames that an earlier run left, too.
+    pub fn look_back(&mut self, result: &Resumable) -> Result<()> {
+        let begun = result.begun();
+        for &t in self.shown.iter().filter(|t| **t < begun) {
+            let written = result.written(t)?;
+            self.panels.extend(written.map(|values| Panel::toned(&values, self.recording.width)));
+        }
+        Ok(())
+    }
+}
+
+impl Sink for Sheet {
+    /// The files.
+    type Output = Vec<PathBuf>;
+
+    fn take(&mut self, result: &ResultFrame) -> Result<()> {
+        if self.shown.contains(&result.number) {
+            let panel = Panel::toned(result.frame.values(), self.recording.width);
+            if let Some((active, slab)) = &result.computed {
+                self.overlay.push((panel.clone(), active.slab(*slab).to_vec()));
+            }
+            self.panels.push(panel);
+        }
+        Ok(())
+    }
+
+    fn finish(self, run: &Report) -> Result<Vec<PathBuf>> {
+        let Self { folder, recording, shown, mosaics, panels, overlay } = self;
+        let mut files = vec![folder.join("contact-sheet.png")];
+        contact_sheet(&recording, &shown, &mosaics, panels).write(&files[0])?;
+        if let Some(skipped) = &run.skipping {
+            let path = folder.join("skipped.png");
+            let (pixels, width) = skip_picture(&overlay, skipped, recording.extent());
+            png::write_rgb(&path, &pixels, width)?;
+            files.push(path);
+        }
+        Ok(files)
+    }
+}
+
+/// The shown frames with the cells that were computed in red, and how often each cell was computed over the whole
+/// run; its width in pixels.
+fn skip_picture(
+    shown: &[(Panel, Vec<bool>)],
+    skipped: &Skipped,
+    Extent { height, width }: Extent,
+) -> (Vec<[u8; 3]>, usize) {
+    const GAP: usize = 4;
+    let whole = (width + GAP) * (shown.len() + 1) - GAP;
+    let mut picture = vec![[255; 3]; whole * height];
+    let cell = |y: usize, x: usize| y / skipped.cell[0] * skipped.grid[1] + x / skipped.cell[1];
+    for y in 0..height {
+        for x in 0..width {
+            for (i, (panel, active)) in shown.iter().enumerate() {
+                let grey = panel.pixels[y * width + x];
+                let dark = grey / 2;
+                let pixel = if active[cell(y, x)] { [128 + dark, dark, dark] } else { [grey; 3] };
+                picture[y * whole + i * (width + GAP) + x] = pixel;
+            }
+            let often = f64::from(skipped.computed[cell(y, x)]) / skipped.slabs.max(1) as f64;
+            picture[y * whole + shown.len() * (width + GAP) + x] = [(255.0 * often).round() as u8, 0, 0];
+        }
+    }
+    (picture, whole)
+}
