@@ -5,6 +5,7 @@ use super::clip::crop;
 use crate::Result;
 use crate::cpu::CpuExecutor;
 use crate::cpu::bound::step_errors;
+use crate::frame::Plane;
 use crate::math::lcm;
 use crate::network::{Executor, Model, Plan, Precision};
 use crate::quality::Comparison;
@@ -95,9 +96,10 @@ impl Oracle {
 
 /// PSNR in dB, peak 1, of pairs of exact and computed frames.
 pub(super) fn psnr<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>, width: usize) -> f64 {
+    let plane = |values: &'a [f32]| Plane::new([values.len() / width, width], values);
     let mut comparison = Comparison::default();
     for (exact, result) in pairs {
-        comparison.add(exact, result, width);
+        comparison.add(plane(exact), plane(result));
     }
     comparison.measures().psnr.min(MOST_DB)
 }

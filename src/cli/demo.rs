@@ -77,9 +77,8 @@ impl Demo {
         video::write(add("hdr"), &result, how)?;
         capture.write(add("capture"))?;
         let shown = shown_frames(truth.frames);
-        let panels = |video: &Video| -> Vec<Panel> {
-            shown.iter().map(|&t| Panel::toned(video.frame(t), width)).collect()
-        };
+        let panels =
+            |video: &Video| -> Vec<Panel> { shown.iter().map(|&t| Panel::toned(video.plane(t))).collect() };
         let mosaics: Vec<Vec<f32>> = shown.iter().map(|&t| measurement.frame(t).to_vec()).collect();
         contact_sheet(&capture.recording(), &shown, &mosaics, panels(&result))
             .row("truth", panels(&truth))

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::{Resumable, Sink};
 use crate::Result;
 use crate::baseline::box_filter;
-use crate::frame::Extent;
+use crate::frame::{Extent, Plane};
 use crate::quality::{ContactSheet, Panel};
 use crate::sensor::Recording;
 use crate::synth::{Report, ResultFrame, Skipped};
@@ -27,17 +27,17 @@ pub fn contact_sheet(
     mosaics: &[Vec<f32>],
     result: Vec<Panel>,
 ) -> ContactSheet {
-    let (width, calibration) = (recording.width, recording.calibration());
+    let (extent, calibration) = (recording.extent(), recording.calibration());
     let filtered = mosaics.iter().zip(shown).map(|(mosaic, &t)| {
-        let mut frame = Video::black(1, recording.height, width);
+        let mut frame = Video::black(1, extent.height, extent.width);
         frame.frame_mut(0).copy_from_slice(mosaic);
         let filtered = box_filter(&frame, &calibration, recording.info.schedule_start + t as i64);
-        Panel::toned(filtered.frame(0), width)
+        Panel::toned(filtered.plane(0))
     });
     let heading = |t: &usize| format!("{:.0} ms", *t as f64 * recording.info.frame_period_ms);
-    ContactSheet::new((320 / width.max(1)).clamp(1, 4))
+    ContactSheet::new((320 / extent.width.max(1)).clamp(1, 4))
         .columns(shown.iter().map(heading))
-        .row("mosaic", mosaics.iter().map(|mosaic| Panel::linear(mosaic, width)))
+        .row("mosaic", mosaics.iter().map(|mosaic| Panel::linear(Plane::new(extent, mosaic))))
         .row("box filter", filtered)
         .row("pix2hdr", result)
 }
@@ -72,7 +72,8 @@ impl Sheet {
         let begun = result.begun();
         for &t in self.shown.iter().filter(|t| **t < begun) {
             let written = result.written(t)?;
-            self.panels.extend(written.map(|values| Panel::toned(&values, self.recording.width)));
+            self.panels
+                .extend(written.map(|values| Panel::toned(Plane::new(self.recording.extent(), &values))));
         }
         Ok(())
     }
@@ -84,7 +85,7 @@ impl Sink for Sheet {
 
     fn take(&mut self, result: &ResultFrame) -> Result<()> {
         if self.shown.contains(&result.number) {
-            let panel = Panel::toned(result.frame.values(), self.recording.width);
+            let panel = Panel::toned(result.frame.plane());
             if let Some((active, slab)) = &result.computed {
                 self.overlay.push((panel.clone(), active.slab(*slab).to_vec()));
             }

@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use super::Sink;
+use crate::frame::Plane;
 use crate::quality::{Comparison, Measures};
 use crate::synth::{Report, ResultFrame};
 use crate::video::{self, ReadVideo};
-use crate::{Error, Result};
+use crate::{At, Error, Result};
 
 /// Compares each frame with the truth, which is read frame by frame.
 pub struct Truth {
@@ -21,10 +22,8 @@ impl Truth {
         let video = video::open(path)?;
         if video.extents() != extents {
             let [[t, y, x], [frames, height, width]] = [video.extents(), extents];
-            return Err(Error::Usage(format!(
-                "{}: {t}×{y}×{x} is not the size of the capture, {frames}×{height}×{width}",
-                path.display()
-            )));
+            let problem = format!("{t}×{y}×{x} is not the size of the capture, {frames}×{height}×{width}");
+            return Err(Error::Usage(problem)).at(path);
         }
         Ok(Self { video, comparison: Comparison::default() })
     }
@@ -35,7 +34,7 @@ impl Sink for Truth {
 
     fn take(&mut self, result: &ResultFrame) -> Result<()> {
         let truth = self.video.frame(result.number)?;
-        self.comparison.add(&truth, result.frame.values(), result.frame.extent().width);
+        self.comparison.add(Plane::new(result.frame.extent(), &truth), result.frame.plane());
         Ok(())
     }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::canvas::{BLACK, Canvas, INK, Surface, WHITE, text_height, text_width};
 use crate::Result;
+use crate::frame::Plane;
 use crate::video::png::tone_byte;
 use crate::video::{Video, VideoError};
 
@@ -24,13 +25,15 @@ pub struct Panel {
 
 impl Panel {
     /// A frame of irradiance under the tone curve.
-    pub fn toned(frame: &[f32], width: usize) -> Self {
-        Self { width, pixels: frame.iter().map(|&p| tone_byte(p)).collect() }
+    pub fn toned(frame: Plane<'_>) -> Self {
+        let pixels = frame.values().iter().map(|&p| tone_byte(p)).collect();
+        Self { width: frame.extent().width, pixels }
     }
 
     /// A frame of pixel values in [0, 1], as they are.
-    pub fn linear(frame: &[f32], width: usize) -> Self {
-        Self { width, pixels: frame.iter().map(|&y| (255.0 * y.clamp(0.0, 1.0)).round() as u8).collect() }
+    pub fn linear(frame: Plane<'_>) -> Self {
+        let grey = |y: f32| (255.0 * y.clamp(0.0, 1.0)).round() as u8;
+        Self { width: frame.extent().width, pixels: frame.values().iter().map(|&y| grey(y)).collect() }
     }
 
     fn height(&self) -> usize {
@@ -85,7 +88,7 @@ impl ContactSheet {
     #[must_use]
     pub fn video(self, label: impl Into<String>, video: &Video, frames: &[usize]) -> Self {
         let there = frames.iter().filter(|&&t| t < video.frames);
-        let panels: Vec<Panel> = there.map(|&t| Panel::toned(video.frame(t), video.width)).collect();
+        let panels: Vec<Panel> = there.map(|&t| Panel::toned(video.plane(t))).collect();
         self.row(label, panels)
     }
 
@@ -187,7 +190,7 @@ mod tests {
     #[test]
     fn panels_are_where_they_belong() {
         let video = Video::new(2, 2, 3, vec![1.0; 12]).unwrap();
-        let dark = Panel::linear(&[0.2; 6], 3);
+        let dark = Panel::linear(Plane::new([2, 3], &[0.2; 6]));
         let sheet =
             ContactSheet::new(20).video("ours", &video, &[0, 1, 7]).row("mosaic", [dark.clone(), dark]);
         let canvas = sheet.columns(["0 ms", "1 ms"]).draw().unwrap();
@@ -208,7 +211,7 @@ mod tests {
     fn sheets_that_cannot_be_drawn_are_refused() {
         assert!(ContactSheet::new(1).draw().is_err());
         assert!(ContactSheet::new(1).row("empty", []).draw().is_err());
-        let huge = ContactSheet::new(usize::MAX).row("huge", [Panel::linear(&[0.0; 4], 2)]);
+        let huge = ContactSheet::new(usize::MAX).row("huge", [Panel::linear(Plane::new([2, 2], &[0.0; 4]))]);
         assert!(huge.draw().is_err());
         let odd = ContactSheet::new(1).row("odd", [Panel { width: 0, pixels: vec![1, 2] }]);
         assert!(odd.draw().is_ok());

@@ -5,6 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::frame::Plane;
 use crate::math::tone;
 use crate::video::{Video, VideoError};
 
@@ -78,10 +79,12 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Adds one frame [y, x] of irradiance. Values are clipped to [0, 1], the range of p.
-    pub fn add(&mut self, truth: &[f32], result: &[f32], width: usize) {
-        let clip =
-            |frame: &[f32]| -> Vec<f64> { frame.iter().map(|&p| f64::from(p).clamp(0.0, 1.0)).collect() };
+    /// Adds one frame of irradiance. Values are clipped to [0, 1], the range of p.
+    pub fn add(&mut self, truth: Plane<'_>, result: Plane<'_>) {
+        let width = truth.extent().width;
+        let clip = |frame: Plane<'_>| -> Vec<f64> {
+            frame.values().iter().map(|&p| f64::from(p).clamp(0.0, 1.0)).collect()
+        };
         let (mut truth, mut result) = (clip(truth), clip(result));
         self.linear.add(truth.iter().copied(), result.iter().copied());
         for p in truth.iter_mut().chain(&mut result) {
@@ -123,7 +126,7 @@ pub fn compare(truth: &Video, result: &Video) -> Result<Measures, VideoError> {
     }
     let frame = |t: usize| {
         let mut comparison = Comparison::default();
-        comparison.add(truth.frame(t), result.frame(t), truth.width);
+        comparison.add(truth.plane(t), result.plane(t));
         comparison
     };
     let frames: Vec<Comparison> = (0..truth.frames).into_par_iter().map(frame).collect();
@@ -282,7 +285,7 @@ mod tests {
         let (truth, result) = (noise(5, 16, 16, 5), noise(5, 16, 16, 6));
         let mut comparison = Comparison::default();
         for t in 0..5 {
-            comparison.add(truth.frame(t), result.frame(t), 16);
+            comparison.add(truth.plane(t), result.plane(t));
         }
         let (streamed, whole) = (comparison.measures(), compare(&truth, &result).unwrap());
         assert!(

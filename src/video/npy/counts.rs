@@ -14,31 +14,20 @@ use crate::{At, Result};
 /// Reads the counts of a capture, u8 or u16, and their extents [t, y, x].
 pub fn read_counts(path: impl AsRef<Path>) -> Result<([usize; 3], Counts)> {
     let path = path.as_ref();
-    let mut reader = CountsReader::open(path)?;
-    let counts = match reader.whole.take() {
-        Some(whole) => whole,
-        None => all_counts(&mut reader.npy).at(path)?,
+    let CountsReader { mut npy, extents, .. } = CountsReader::open(path)?;
+    let counts = match npy.header.kind {
+        Kind::U8 => npy.values(|[value]: [u8; 1]| value).map(Counts::U8),
+        _ => npy.values(u16::from_le_bytes).map(Counts::U16),
     };
-    Ok((reader.extents, counts))
-}
-
-/// All counts in C order; the file must hold u8 or u16.
-fn all_counts(npy: &mut Npy) -> Result<Counts> {
-    Ok(match npy.header.kind {
-        Kind::U8 => Counts::U8(npy.values(|[value]: [u8; 1]| value)?),
-        _ => Counts::U16(npy.values(u16::from_le_bytes)?),
-    })
+    Ok((extents, counts.at(path)?))
 }
 
 /// Reads the counts of a capture frame by frame.
-///
-/// An array in Fortran order has its frames spread over the whole file, so it alone is held in memory.
 #[derive(Debug)]
 pub struct CountsReader {
     npy: Npy,
     path: PathBuf,
     extents: [usize; 3],
-    whole: Option<Counts>,
 }
 
 impl CountsReader {
@@ -46,7 +35,7 @@ impl CountsReader {
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let open = || -> Result<Self> {
-            let mut npy = Npy::open(path)?;
+            let npy = Npy::open(path)?;
             let [t, y, x] = npy.header.shape[..] else {
                 return Err(npy.header.wrong_rank("a capture has axes [t, y, x]").into());
             };
@@ -54,8 +43,7 @@ impl CountsReader {
                 let problem = "holds floating-point numbers, as a video does; a capture is u8 or u16";
                 return Err(VideoError::Format(problem.into()).into());
             }
-            let whole = if npy.header.fortran_order { Some(all_counts(&mut npy)?) } else { None };
-            Ok(Self { npy, path: path.to_owned(), extents: [t, y, x], whole })
+            Ok(Self { npy, path: path.to_owned(), extents: [t, y, x] })
         };
         open().at(path)
     }
@@ -76,14 +64,9 @@ impl ReadCounts for CountsReader {
     }
 
     fn frame(&mut self, t: usize) -> Result<Counts> {
-        let [_, y, x] = self.extents;
-        let len = y * x;
-        if let Some(whole) = &self.whole {
-            return Ok(whole.range(t * len..(t + 1) * len));
-        }
         let counts = match self.npy.header.kind {
-            Kind::U8 => self.npy.values_at(t * len, len, |[value]: [u8; 1]| value).map(Counts::U8),
-            _ => self.npy.values_at(t * len, len, u16::from_le_bytes).map(Counts::U16),
+            Kind::U8 => self.npy.frame(t, |[value]: [u8; 1]| value).map(Counts::U8),
+            _ => self.npy.frame(t, u16::from_le_bytes).map(Counts::U16),
         };
         counts.at(&self.path)
     }

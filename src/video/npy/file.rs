@@ -1,7 +1,7 @@
 //! The numbers of a NumPy file.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::super::VideoError;
@@ -16,7 +16,20 @@ pub(super) struct Npy {
     content: BufReader<File>,
     /// Where the numbers begin in the file.
     begin: u64,
+    block: Block,
 }
+
+/// Frames of an array in Fortran order, which are spread over the whole file.
+#[derive(Debug, Default)]
+struct Block {
+    /// The first of them.
+    first: usize,
+    /// Bytes of their numbers, [t, y, x].
+    bytes: Vec<u8>,
+}
+
+/// Bytes of a [`Block`], or those of one frame if they are more.
+const BLOCK_BYTES: usize = if cfg!(test) { 64 } else { 64 << 20 };
 
 impl Npy {
     pub fn open(path: &Path) -> Result<Self> {
@@ -40,7 +53,7 @@ impl Npy {
         if data_len == 0 {
             return Err(VideoError::Shape(format!("is empty: its shape is {:?}", header.shape)).into());
         }
-        Ok(Self { header, content, begin })
+        Ok(Self { header, content, begin, block: Block::default() })
     }
 
     /// All values in C order.
@@ -48,12 +61,59 @@ impl Npy {
         &mut self,
         value: impl Fn([u8; N]) -> T,
     ) -> Result<Vec<T>> {
-        let values = self.next(self.header.shape.iter().product(), value)?;
+        let values = self.values_at(0, self.header.shape.iter().product(), value)?;
         Ok(if self.header.fortran_order { c_order(&values, &self.header.shape)? } else { values })
     }
 
-    /// `len` values of a file in C order, from value number `first` on.
-    pub fn values_at<const N: usize, T: Copy + Default>(
+    /// The values [y, x] of frame `t` of an array [t, y, x], or of the only frame of one that is [y, x].
+    pub fn frame<const N: usize, T: Copy + Default>(
+        &mut self,
+        t: usize,
+        value: impl Fn([u8; N]) -> T,
+    ) -> Result<Vec<T>> {
+        let len = self.header.frame_len();
+        if !self.header.fortran_order {
+            return self.values_at(t * len, len, value);
+        }
+        let there = self.block.bytes.len() / (len * N);
+        if !(self.block.first..self.block.first + there).contains(&t) {
+            self.read_block(t)?;
+        }
+        let bytes = &self.block.bytes[(t - self.block.first) * len * N..][..len * N];
+        Ok(bytes.as_chunks().0.iter().map(|&bytes| value(bytes)).collect())
+    }
+
+    /// Reads frames of an array in Fortran order from frame `first` on: of each pixel, they stand side by side.
+    fn read_block(&mut self, first: usize) -> Result<()> {
+        let Header { kind, ref shape, .. } = self.header;
+        let [frames, height, width] = match shape[..] {
+            [height, width] => [1, height, width],
+            [frames, height, width] => [frames, height, width],
+            _ => unreachable!("an array of frames was opened"),
+        };
+        let (size, len) = (kind.bytes(), height * width);
+        let count = (BLOCK_BYTES / (len * size)).clamp(1, frames - first);
+        let mut bytes = reserve(count * len * size)?;
+        bytes.resize(count * len * size, 0);
+        let mut series = vec![0; count * size];
+        // Without a buffer, which would read what lies between.
+        let file = self.content.get_mut();
+        for (y, x) in (0..width).flat_map(|x| (0..height).map(move |y| (y, x))) {
+            let place = ((x * height + y) * frames + first) * size;
+            file.seek(SeekFrom::Start(self.begin + place as u64))?;
+            file.read_exact(&mut series)?;
+            for (t, number) in series.chunks(size).enumerate() {
+                bytes[(t * len + y * width + x) * size..][..size].copy_from_slice(number);
+            }
+        }
+        // The buffer is of another place now.
+        self.content.seek(SeekFrom::Start(self.begin))?;
+        self.block = Block { first, bytes };
+        Ok(())
+    }
+
+    /// `len` values of a file in its own order, from value number `first` on.
+    fn values_at<const N: usize, T: Copy + Default>(
         &mut self,
         first: usize,
         len: usize,

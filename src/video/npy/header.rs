@@ -85,6 +85,11 @@ impl Header {
         }
     }
 
+    /// Numbers of a frame, whose axes are the last two.
+    pub fn frame_len(&self) -> usize {
+        self.shape.iter().rev().take(2).product()
+    }
+
     pub fn wrong_rank(&self, expected: &str) -> VideoError {
         VideoError::Shape(format!("has shape {:?}; {expected}", self.shape))
     }

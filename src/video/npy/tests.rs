@@ -101,6 +101,31 @@ fn one_frame_double_and_fortran_order_are_read() {
     assert_eq!(video, Video::new(1, 2, 3, (0..6).map(|i| i as f32).collect()).unwrap());
 }
 
+/// Frames of an array in Fortran order are those of the same array in C order, in whatever order they are read; the whole
+/// does not fit into a block.
+#[test]
+fn fortran_order_is_read_frame_by_frame() {
+    let folder = folder();
+    let (frames, height, width) = (11, 3, 5);
+    let text =
+        format!("{{'descr': '<u2', 'fortran_order': True, 'shape': ({frames}, {height}, {width}), }}\n");
+    let path = file(&folder, &text, 0);
+    let mut bytes = fs::read(&path).unwrap();
+    let value = |t: usize, y: usize, x: usize| (100 * t + 10 * y + x) as u16;
+    let places = (0..width).flat_map(|x| (0..height).flat_map(move |y| (0..frames).map(move |t| (t, y, x))));
+    bytes.extend(places.flat_map(|(t, y, x)| value(t, y, x).to_le_bytes()));
+    fs::write(&path, bytes).unwrap();
+    let frame = |t: usize| -> Vec<u16> {
+        (0..height).flat_map(|y| (0..width).map(move |x| value(t, y, x))).collect()
+    };
+    let mut reader = CountsReader::open(&path).unwrap();
+    for t in (0..frames).chain([3, 10, 0, 9, 1]) {
+        assert_eq!(reader.frame(t).unwrap(), Counts::U16(frame(t)), "frame {t}");
+    }
+    let whole = Counts::U16((0..frames).flat_map(frame).collect());
+    assert_eq!(read_counts(&path).unwrap(), ([frames, height, width], whole));
+}
+
 #[test]
 fn every_truncation_is_refused() {
     let folder = folder();

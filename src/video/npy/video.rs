@@ -29,18 +29,17 @@ pub fn write_video(path: impl AsRef<Path>, video: &Video, half: bool) -> Result<
     Box::new(writer).finish()
 }
 
-/// Reads a video frame by frame. An array in Fortran order alone is held in memory.
+/// Reads a video frame by frame.
 struct NpyReader {
     npy: Npy,
     path: PathBuf,
     extents: [usize; 3],
-    whole: Option<Vec<f32>>,
 }
 
 impl NpyReader {
     fn open(path: &Path) -> Result<Self> {
         let open = || -> Result<Self> {
-            let mut npy = Npy::open(path)?;
+            let npy = Npy::open(path)?;
             let extents = match npy.header.shape[..] {
                 [frames, height, width] => [frames, height, width],
                 [height, width] => [1, height, width],
@@ -52,19 +51,9 @@ impl NpyReader {
                 let problem = "holds integers, as a capture does; a video is f16, f32 or f64";
                 return Err(VideoError::Format(problem.into()).into());
             }
-            let whole = if npy.header.fortran_order { Some(all(&mut npy)?) } else { None };
-            Ok(Self { npy, path: path.to_owned(), extents, whole })
+            Ok(Self { npy, path: path.to_owned(), extents })
         };
         open().at(path)
-    }
-}
-
-/// All values in C order.
-fn all(npy: &mut Npy) -> Result<Vec<f32>> {
-    match npy.header.kind {
-        Kind::F16 => npy.values(|[a, b]: [u8; 2]| f16::from_le_bytes([a, b]).to_f32()),
-        Kind::F64 => npy.values(|bytes| f64::from_le_bytes(bytes) as f32),
-        _ => npy.values(f32::from_le_bytes),
     }
 }
 
@@ -73,30 +62,38 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn ReadVideo>> {
     Ok(Box::new(NpyReader::open(path)?))
 }
 
+fn from_half(bytes: [u8; 2]) -> f32 {
+    f16::from_le_bytes(bytes).to_f32()
+}
+
+fn from_double(bytes: [u8; 8]) -> f32 {
+    f64::from_le_bytes(bytes) as f32
+}
+
 impl ReadVideo for NpyReader {
     fn extents(&self) -> [usize; 3] {
         self.extents
     }
 
     fn frame(&mut self, t: usize) -> Result<Vec<f32>> {
-        let [_, y, x] = self.extents;
-        let (first, len) = (t * y * x, y * x);
-        let npy = &mut self.npy;
-        let frame = match (&self.whole, npy.header.kind) {
-            (Some(whole), _) => Ok(whole[first..first + len].to_vec()),
-            (None, Kind::F16) => npy.values_at(first, len, |[a, b]| f16::from_le_bytes([a, b]).to_f32()),
-            (None, Kind::F64) => npy.values_at(first, len, |bytes| f64::from_le_bytes(bytes) as f32),
-            (None, _) => npy.values_at(first, len, f32::from_le_bytes),
+        let frame = match self.npy.header.kind {
+            Kind::F16 => self.npy.frame(t, from_half),
+            Kind::F64 => self.npy.frame(t, from_double),
+            _ => self.npy.frame(t, f32::from_le_bytes),
         };
         let frame = frame.at(&self.path)?;
-        check_pixels(&frame, t, x).at(&self.path)?;
+        check_pixels(&frame, t, self.extents[2]).at(&self.path)?;
         Ok(frame)
     }
 
     fn all(mut self: Box<Self>) -> Result<Video> {
         let [frames, height, width] = self.extents;
-        let data = self.whole.take().map_or_else(|| all(&mut self.npy), Ok).at(&self.path)?;
-        let video = Video::new(frames, height, width, data).at(&self.path)?;
+        let data = match self.npy.header.kind {
+            Kind::F16 => self.npy.values(from_half),
+            Kind::F64 => self.npy.values(from_double),
+            _ => self.npy.values(f32::from_le_bytes),
+        };
+        let video = data.and_then(|data| Ok(Video::new(frames, height, width, data)?)).at(&self.path)?;
         video.check_finite().at(&self.path)?;
         Ok(video)
     }
