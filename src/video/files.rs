@@ -12,21 +12,25 @@ use super::{Video, exr, folder, npy, radiance};
 use crate::{At, Error, Result};
 
 /// All formats. Captures whose names say nothing are taken for the first one that can hold counts.
-static FORMATS: [&Format; 4] = [&folder::FORMAT, &npy::FORMAT, &exr::FORMAT, &radiance::FORMAT];
+static FORMATS: &[&Format] = &[&folder::FORMAT, &npy::FORMAT, &exr::FORMAT, &radiance::FORMAT];
+
+fn formats() -> impl Iterator<Item = &'static Format> {
+    FORMATS.iter().copied()
+}
 
 /// The format of files that end in `ending`.
 fn ends_in(ending: &str) -> Option<&'static Format> {
-    FORMATS.into_iter().find(|format| format.endings.contains(&ending))
+    formats().find(|format| format.endings.contains(&ending))
 }
 
 /// The format of the video that is at `path`.
 fn of(path: &Path) -> Result<&'static Format> {
     let found = if std::fs::metadata(path).at(path)?.is_dir() {
-        FORMATS.into_iter().find(|format| format.is_folder())
+        formats().find(|format| format.is_folder())
     } else {
         ends_in(&ending(path))
     };
-    let names = || listed(FORMATS.into_iter());
+    let names = || listed(formats());
     found.ok_or_else(|| Error::Usage(format!("not a video that can be read; give {}", names())).at(path))
 }
 
@@ -34,10 +38,9 @@ fn of(path: &Path) -> Result<&'static Format> {
 fn to_write(path: &Path) -> Result<&'static Format> {
     // What cannot be told from a folder's name is one.
     let folder = path.extension().is_none() || path.is_dir();
-    let format =
-        ends_in(&ending(path)).or_else(|| FORMATS.into_iter().find(|format| format.is_folder() && folder));
+    let format = ends_in(&ending(path)).or_else(|| formats().find(|format| format.is_folder() && folder));
     format.filter(|format| format.begin.is_some()).ok_or_else(|| {
-        let names = listed(FORMATS.into_iter().filter(|format| format.begin.is_some()));
+        let names = listed(formats().filter(|format| format.begin.is_some()));
         Error::Usage(format!("a video is written as {names}; a folder's name has no ending")).at(path)
     })
 }
@@ -45,7 +48,7 @@ fn to_write(path: &Path) -> Result<&'static Format> {
 /// The format of counts in the file `path`.
 fn of_counts(path: &Path) -> CountsFormat {
     let named = ends_in(&ending(path)).and_then(|format| format.counts);
-    let first = FORMATS.into_iter().find_map(|format| format.counts);
+    let first = formats().find_map(|format| format.counts);
     named.or(first).expect("some format holds counts")
 }
 
@@ -102,7 +105,7 @@ pub fn holds_counts(path: &Path) -> bool {
 
 /// The array of counts in `folder` that is called as `name`, whatever it ends in; `name` itself if there is none.
 pub fn counts_in(folder: &Path, name: &str) -> PathBuf {
-    let formats = FORMATS.into_iter().filter(|format| format.counts.is_some());
+    let formats = formats().filter(|format| format.counts.is_some());
     let paths =
         formats.flat_map(|format| format.endings).map(|ending| folder.join(name).with_extension(ending));
     paths.into_iter().find(|path| path.exists()).unwrap_or_else(|| folder.join(name))
@@ -127,7 +130,7 @@ mod tests {
             assert_eq!(ending(Path::new(&format!("A.{}", own.to_uppercase()))), **own);
         }
         assert_eq!(FORMATS.iter().filter(|format| format.is_folder()).count(), 1);
-        assert!(listed(FORMATS.into_iter()).ends_with(" or a .hdr picture"));
+        assert!(listed(formats()).ends_with(" or a .hdr picture"));
     }
 
     #[test]

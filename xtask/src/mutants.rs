@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 20] = [
+const MUTANTS: [Mutant; 23] = [
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",
@@ -161,6 +161,27 @@ const MUTANTS: [Mutant; 20] = [
         sound: "match file.try_lock() {",
         faulty: "match file.try_lock_shared() {",
         test: ["faults", "two_processes_write_one_result"],
+    },
+    Mutant {
+        what: "a recording may be written over through a link",
+        file: "src/system.rs",
+        sound: "identity(a).is_some_and(|a| Some(a) == identity(b))",
+        faulty: "a == b && identity(a).is_some()",
+        test: ["command_line", "a_source_is_never_its_own_target"],
+    },
+    Mutant {
+        what: "a result is gone on with whatever made it",
+        file: "src/fingerprint.rs",
+        sound: "difference.before != difference.now",
+        faulty: "difference.key.is_empty()",
+        test: ["lib", "job::tests::a_job_is_gone_on_with"],
+    },
+    Mutant {
+        what: "frames in Fortran order are read from the wrong place",
+        file: "src/video/npy/file.rs",
+        sound: "((x * height + y) * frames + first) * size",
+        faulty: "((y * width + x) * frames + first) * size",
+        test: ["lib", "video::npy::tests::fortran_order_is_read_frame_by_frame"],
     },
 ];
 
