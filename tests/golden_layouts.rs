@@ -1,11 +1,12 @@
 //! What the trainer must agree with, in `weights-format/golden-layouts`: the layout of nets, the tables of patterns and
-//! responses. `UPDATE_SNAPSHOTS=1` writes the files anew.
+//! responses, the ends of recordings. `UPDATE_SNAPSHOTS=1` writes the files anew.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use pix2hdr::network::{MU, Model, Plan, SATURATED, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response, Symmetry};
+use pix2hdr::synth::windows::stand_in;
 use serde::Serialize;
 
 /// How a net is laid out for one window.
@@ -37,6 +38,15 @@ struct Table {
     /// Exposure in frames of the read-out that covers a frame: [period, rows, cols].
     exposures: Vec<f32>,
     symmetries: Vec<Symmetry>,
+}
+
+/// A window at an end of a recording.
+#[derive(Serialize)]
+struct End {
+    /// First recorded frame of the window, and the one behind the last.
+    recorded: [usize; 2],
+    /// For each frame of the window the recorded one that it shows.
+    stand_ins: Vec<usize>,
 }
 
 /// A response.
@@ -90,11 +100,16 @@ fn nets() -> BTreeMap<String, Layout> {
     nets
 }
 
+/// The tables of a built-in pattern with the linear response.
+fn calibration(name: &str) -> Calibration {
+    let pattern = Pattern::built_in(name).unwrap();
+    let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).unwrap();
+    Calibration::new(&pattern, &response)
+}
+
 fn patterns() -> BTreeMap<&'static str, Table> {
     let table = |name| {
-        let pattern = Pattern::built_in(name).unwrap();
-        let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).unwrap();
-        let calibration = Calibration::new(&pattern, &response);
+        let calibration = calibration(name);
         Table {
             period: calibration.period,
             rows: calibration.rows,
@@ -105,6 +120,22 @@ fn patterns() -> BTreeMap<&'static str, Table> {
         }
     };
     Pattern::NAMES.into_iter().map(|name| (name, table(name))).collect()
+}
+
+/// Of a window of which only some frames were recorded, those that stand in for the others.
+fn ends() -> BTreeMap<&'static str, Vec<End>> {
+    let all = |name| {
+        let calibration = calibration(name);
+        let frames = 3 * calibration.period;
+        let end = |first: usize, end: usize| End {
+            recorded: [first, end],
+            stand_ins: (0..frames as i64)
+                .map(|t| first + stand_in(&calibration, first as i64, end - first, t))
+                .collect(),
+        };
+        vec![end(0, frames), end(5, frames), end(0, frames - 3), end(7, frames - 2)]
+    };
+    ["mpve-1-4", "mpve-1-8", "mpve-1-16"].into_iter().map(|name| (name, all(name))).collect()
 }
 
 fn responses() -> BTreeMap<&'static str, Curve> {
@@ -158,6 +189,11 @@ fn layouts_of_nets_are_those_on_file() {
 #[test]
 fn tables_of_patterns_are_those_on_file() {
     check("patterns.json", &lines(&patterns()));
+}
+
+#[test]
+fn ends_of_recordings_are_those_on_file() {
+    check("ends.json", &lines(&ends()));
 }
 
 #[test]

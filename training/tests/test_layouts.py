@@ -10,7 +10,7 @@ import pytest
 import torch
 from pix2hdr_training import graph as graph_module
 from pix2hdr_training import layout, presets, tone
-from pix2hdr_training.data import Pose
+from pix2hdr_training.data import Pose, end_of_recording
 from pix2hdr_training.export import read_weights
 from pix2hdr_training.pattern import ExposureTable, exposure_table
 from pix2hdr_training.response import InverseResponse
@@ -74,6 +74,14 @@ def test_patterns_look_the_same_in_their_poses(name):
             for backwards, shift, size in zip(pose.backwards, pose.shift, table.exposures.shape, strict=True)
         ]
         assert np.array_equal(table.exposures[np.ix_(*places)], table.exposures)
+
+
+@pytest.mark.parametrize("name", golden("ends"))
+def test_ends_of_recordings_are_those_of_rust(name):
+    period = golden("patterns")[name]["period"]
+    for end in golden("ends")[name]:
+        frames = np.arange(len(end["stand_ins"]))[:, None, None]
+        assert end_of_recording(frames, *end["recorded"], period).ravel().tolist() == end["stand_ins"]
 
 
 def test_only_the_built_in_patterns_are_known():
