@@ -4,13 +4,40 @@
 //
 // One invocation computes one pixel.
 
-@group(0) @binding(0) var<storage, read> weights: array<vec4<f32>>;
-@group(0) @binding(1) var<storage, read> logs: array<f32>;
-@group(0) @binding(2) var<storage, read> estimate: array<f32>;
-@group(0) @binding(3) var<storage, read_write> output: array<f32>;
+//!include common/dispatch.wgsl
+//!include common/tone.wgsl
 
-#paste dispatch
-#paste tone
+const BLOCK_Y: i32 = 1; //!parameter
+const BLOCK_X: i32 = 1; //!parameter
+const WEIGHTS_STRIDE: i32 = 1; //!parameter
+// Offsets of the pixels that the weights are for.
+const TAPS: i32 = 1; //!parameter
+const TAP_T = array<i32, 1>(0); //!parameter
+const TAP_Y = array<i32, 1>(0); //!parameter
+const TAP_X = array<i32, 1>(0); //!parameter
+
+struct Geometry {
+    invocations: i32,
+    weights_y: i32,
+    weights_x: i32,
+    weights_offset: i32,
+    logs_t: i32,
+    logs_y: i32,
+    logs_offset: i32,
+    // Frame and row of the logs at which the output begins.
+    origin_t: i32,
+    origin_y: i32,
+    estimate_offset: i32,
+    output_y: i32,
+    output_x: i32,
+    output_offset: i32,
+}
+
+@group(1) @binding(0) var<uniform> geometry: Geometry;
+@group(1) @binding(1) var<storage, read> weights: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> logs: array<f32>;
+@group(1) @binding(3) var<storage, read> estimate: array<f32>;
+@group(1) @binding(4) var<storage, read_write> output: array<f32>;
 
 struct Pixel {
     t: i32,
@@ -30,13 +57,15 @@ fn weight(pixel: Pixel, i: i32) -> f32 {
     return select(select(four.x, four.y, part == 1), select(four.z, four.w, part == 3), part >= 2);
 }
 
-// What tap `i` adds. Taps are constants in the text: an array of them would be copied by each invocation.
+// What tap `i` adds.
 fn contribution(pixel: Pixel, i: i32, dt: i32, dy: i32, dx: i32) -> f32 {
-    let tap_t = ORIGIN_T + pixel.t + dt;
-    let tap_y = ORIGIN_Y + pixel.y + dy;
-    let tap_x = pixel.x + dx;
-    if (tap_t >= 0 && tap_t < LOGS_T && tap_y >= 0 && tap_y < LOGS_Y && tap_x >= 0 && tap_x < OUTPUT_X) {
-        return weight(pixel, i) * (logs[LOGS_OFFSET + (tap_t * LOGS_Y + tap_y) * OUTPUT_X + tap_x] - pixel.base);
+    let width = geometry.output_x;
+    let t = geometry.origin_t + pixel.t + dt;
+    let y = geometry.origin_y + pixel.y + dy;
+    let x = pixel.x + dx;
+    if (t >= 0 && t < geometry.logs_t && y >= 0 && y < geometry.logs_y && x >= 0 && x < width) {
+        let tap = logs[geometry.logs_offset + (t * geometry.logs_y + y) * width + x];
+        return weight(pixel, i) * (tap - pixel.base);
     }
     return 0.0;
 }
@@ -44,21 +73,25 @@ fn contribution(pixel: Pixel, i: i32, dt: i32, dy: i32, dx: i32) -> f32 {
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn blend(
     @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let index = invocation_index(workgroup, local);
-    if (index >= INVOCATIONS) {
+    let index = invocation_index(workgroup, workgroups, local);
+    if (index >= geometry.invocations) {
         return;
     }
-    let x = index % OUTPUT_X;
-    let y = index / OUTPUT_X % OUTPUT_Y;
-    let t = index / (OUTPUT_X * OUTPUT_Y);
-    let block = (t * WEIGHTS_Y + y / BLOCK_Y) * WEIGHTS_X + x / BLOCK_X;
-    let vectors = WEIGHTS_OFFSET + block * WEIGHTS_STRIDE;
+    let x = index % geometry.output_x;
+    let y = index / geometry.output_x % geometry.output_y;
+    let t = index / (geometry.output_x * geometry.output_y);
+    let block = (t * geometry.weights_y + y / BLOCK_Y) * geometry.weights_x + x / BLOCK_X;
+    let vectors = geometry.weights_offset + block * WEIGHTS_STRIDE;
     let first = y % BLOCK_Y * BLOCK_X + x % BLOCK_X;
-    let pixel = Pixel(t, y, x, vectors, first, tone(estimate[ESTIMATE_OFFSET + index]));
+    let pixel = Pixel(t, y, x, vectors, first, tone(estimate[geometry.estimate_offset + index]));
     var v = pixel.base;
-    v += contribution(pixel, $tap);
+    // Written out, taps are constants; an array of them would be copied by each invocation.
+    for (var i = 0; i < TAPS; i++) { //!static
+        v += contribution(pixel, i, TAP_T[i], TAP_Y[i], TAP_X[i]);
+    }
     v += weight(pixel, TAPS);
-    output[OUTPUT_OFFSET + index] = inverse_tone(clamp(v, 0.0, 1.0));
+    output[geometry.output_offset + index] = inverse_tone(clamp(v, 0.0, 1.0));
 }

@@ -5,62 +5,61 @@
 // over the taps for which the division is exact and inside of the input. Outputs q · stride + phase, for one phase
 // along t, y and x, all use the same taps, so that they are a convolution of their own.
 //
-// A team of LANES invocations computes the outputs of LANES · PIXELS inputs q of a frame, for one phase, and VECTORS
-// times four output channels of them. Teams and repeated lines are as in conv3d.wgsl.
+// How the work is divided is explained in common/convolution.wgsl. Blocks lie in the frames of the inputs q, for one phase.
 
-@group(0) @binding(0) var<storage, read> input: array<INPUT_VECTOR>;
-@group(0) @binding(1) var<storage, read> added: array<ADDED_VECTOR>;
-@group(0) @binding(2) var<storage, read_write> output: array<OUTPUT_VECTOR>;
-// Weights (see common/products.wgsl) and terms (see common/epilogue.wgsl) of each output channel.
-@group(0) @binding(3) var<storage, read> weights: array<WEIGHTS_VECTOR>;
-@group(0) @binding(4) var<storage, read> terms: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read_write> overflow: atomic<u32>;
-
-#paste dispatch
-#paste epilogue
+//!include common/convolution.wgsl
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn conv_transpose3d(
     @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let invocation = invocation_index(workgroup, local);
-    if (invocation >= INVOCATIONS) {
+    let invocation = invocation_index(workgroup, workgroups, local);
+    if (invocation >= geometry.invocations) {
         return;
     }
-    #paste team
-    let t = block / BLOCKS % INPUT_T;
-    let phase = block / (BLOCKS * INPUT_T);
+    let team = team_of(invocation);
+    let t = team.block / geometry.blocks % geometry.input_t;
+    let phase = team.block / (geometry.blocks * geometry.input_t);
     let phase_x = phase % STRIDE_X;
     let phase_y = phase / STRIDE_X % STRIDE_Y;
     let phase_t = phase / (STRIDE_X * STRIDE_Y);
-    let first = block % BLOCKS * (PIXELS * LANES) + lane;
-    let pixel_$p = first + $p * LANES;
-    let y_$p = pixel_$p / INPUT_X;
-    let x_$p = pixel_$p % INPUT_X;
+    let pixels = pixels_of(team);
+    var y: Pixels;
+    var x: Pixels;
+    for (var p = 0; p < PIXELS; p++) { //!static
+        y[p] = pixels[p] / geometry.input_x;
+        x[p] = pixels[p] % geometry.input_x;
+    }
 
-    var sum_$p_$j = vec4<f32>();
+    var sums: Sums;
     for (var tap_t = (phase_t + PADDING_T) % STRIDE_T; tap_t < KERNEL_T; tap_t += STRIDE_T) {
         let in_t = t + (phase_t + PADDING_T - tap_t) / STRIDE_T;
-        if (in_t < 0 || in_t >= INPUT_T) {
+        if (in_t < 0 || in_t >= geometry.input_t) {
             continue;
         }
         for (var tap_y = (phase_y + PADDING_Y) % STRIDE_Y; tap_y < KERNEL_Y; tap_y += STRIDE_Y) {
             let shift_y = (phase_y + PADDING_Y - tap_y) / STRIDE_Y;
             for (var tap_x = (phase_x + PADDING_X) % STRIDE_X; tap_x < KERNEL_X; tap_x += STRIDE_X) {
                 let shift_x = (phase_x + PADDING_X - tap_x) / STRIDE_X;
-                let at_$p = input_at(in_t, y_$p + shift_y, x_$p + shift_x);
-                var weight = ((tap_t * KERNEL_Y + tap_y) * KERNEL_X + tap_x) * TAP_WEIGHTS + group * LANES + lane;
-                for (var vector = 0; vector < INPUT_VECTORS; vector++) {
-                    #paste products
+                var at: Pixels;
+                for (var p = 0; p < PIXELS; p++) { //!static
+                    at[p] = input_at(in_t, y[p] + shift_y, x[p] + shift_x);
                 }
+                add_products(&sums, at, weights_at(team, tap_t, tap_y, tap_x));
             }
         }
     }
 
     let out_t = t * STRIDE_T + phase_t;
-    let out_$p = (out_t * OUTPUT_Y + y_$p * STRIDE_Y + phase_y) * OUTPUT_X + x_$p * STRIDE_X + phase_x;
     var largest = 0.0;
-    store(sum_$p_$j, group + $j * GROUPS, out_$p, pixel_$p < FRAME, &largest);
+    for (var p = 0; p < PIXELS; p++) { //!static
+        let out_y = out_t * geometry.output_y + y[p] * STRIDE_Y + phase_y;
+        let pixel = out_y * geometry.output_x + x[p] * STRIDE_X + phase_x;
+        for (var j = 0; j < VECTORS; j++) { //!static
+            store(sums[p][j], team.group + j * GROUPS, pixel, pixels[p] < geometry.frame, &largest);
+        }
+    }
     report(largest);
 }

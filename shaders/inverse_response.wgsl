@@ -2,20 +2,32 @@
 //
 // One invocation computes four channels of one pixel.
 
-@group(0) @binding(0) var<storage, read> input: array<vec4<f32>>;
-@group(0) @binding(1) var<storage, read_write> output: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> inverse_response_table: array<f32>;
-@group(0) @binding(3) var<storage, read> rendered_exposures: array<f32>;
+//!include common/dispatch.wgsl
+//!include common/calibration.wgsl
 
-#paste dispatch
-#paste inverse_response
+const INPUT_C: i32 = 1; //!parameter
+const INPUT_STRIDE: i32 = 1; //!parameter
+const OUTPUT_C: i32 = 2; //!parameter
+const OUTPUT_VECTORS: i32 = 1; //!parameter
+const OUTPUT_STRIDE: i32 = 1; //!parameter
+
+struct Geometry {
+    invocations: i32,
+    input_offset: i32,
+    output_offset: i32,
+}
+
+@group(1) @binding(0) var<uniform> geometry: Geometry;
+@group(1) @binding(1) var<storage, read> input: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read_write> output: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read> rendered_exposures: array<f32>;
 
 fn channel_of(channel: i32, pixel: i32) -> f32 {
     if (channel >= OUTPUT_C) {
         return 0.0; // padding
     }
     let i = channel % INPUT_C;
-    let y = input[INPUT_OFFSET + pixel * INPUT_STRIDE + i / 4][i % 4];
+    let y = input[geometry.input_offset + pixel * INPUT_STRIDE + i / 4][i % 4];
     if (channel < INPUT_C) {
         return y;
     }
@@ -25,16 +37,17 @@ fn channel_of(channel: i32, pixel: i32) -> f32 {
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn inverse_response(
     @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let invocation = invocation_index(workgroup, local);
-    if (invocation >= INVOCATIONS) {
+    let invocation = invocation_index(workgroup, workgroups, local);
+    if (invocation >= geometry.invocations) {
         return;
     }
     let vector = invocation % OUTPUT_VECTORS;
     let pixel = invocation / OUTPUT_VECTORS;
     let channel = 4 * vector;
-    output[OUTPUT_OFFSET + pixel * OUTPUT_STRIDE + vector] = vec4<f32>(
+    output[geometry.output_offset + pixel * OUTPUT_STRIDE + vector] = vec4<f32>(
         channel_of(channel, pixel),
         channel_of(channel + 1, pixel),
         channel_of(channel + 2, pixel),

@@ -2,29 +2,38 @@
 //
 // One invocation computes one pixel.
 
-@group(0) @binding(0) var<storage, read> measurement: array<f32>;
-@group(0) @binding(1) var<storage, read_write> output: array<f32>;
-@group(0) @binding(2) var<storage, read> inverse_response_table: array<f32>;
-@group(0) @binding(3) var<storage, read> exposures: array<f32>;
-@group(0) @binding(4) var<uniform> schedule: vec4<u32>;
+//!include common/dispatch.wgsl
+//!include common/calibration.wgsl
+//!include common/tone.wgsl
 
-#paste dispatch
-#paste inverse_response
-#paste exposure
-#paste tone
+struct Geometry {
+    invocations: i32,
+    // The output's first frame in the window.
+    first_frame: i32,
+    measurement_offset: i32,
+    output_y: i32,
+    output_x: i32,
+    output_offset: i32,
+}
+
+@group(1) @binding(0) var<uniform> geometry: Geometry;
+@group(1) @binding(1) var<storage, read> measurement: array<f32>;
+@group(1) @binding(2) var<storage, read_write> output: array<f32>;
 
 @compute @workgroup_size(WORKGROUP_SIZE)
 fn log_irradiance(
     @builtin(workgroup_id) workgroup: vec3<u32>,
+    @builtin(num_workgroups) workgroups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let pixel = invocation_index(workgroup, local);
-    if (pixel >= INVOCATIONS) {
+    let pixel = invocation_index(workgroup, workgroups, local);
+    if (pixel >= geometry.invocations) {
         return;
     }
-    let x = pixel % OUTPUT_X;
-    let y = pixel / OUTPUT_X % OUTPUT_Y;
-    let t = pixel / (OUTPUT_X * OUTPUT_Y);
-    let measured = measurement[MEASUREMENT_OFFSET + pixel];
-    output[OUTPUT_OFFSET + pixel] = tone(inverse_response_of(measured) / exposure_of(t, y, x));
+    let x = pixel % geometry.output_x;
+    let y = pixel / geometry.output_x % geometry.output_y;
+    let t = pixel / (geometry.output_x * geometry.output_y);
+    let measured = measurement[geometry.measurement_offset + pixel];
+    let exposure = exposure_of(geometry.first_frame + t, y, x);
+    output[geometry.output_offset + pixel] = tone(inverse_response_of(measured) / exposure);
 }

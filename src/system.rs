@@ -1,6 +1,8 @@
-//! What the operating system tells.
+//! What the operating system tells: memory, folders, time.
 
-use std::path::Path;
+use std::env;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use sysinfo::System;
 
@@ -30,4 +32,87 @@ pub fn is_same_file(a: &Path, b: &Path) -> bool {
     #[cfg(not(unix))]
     let identity = |path: &Path| std::fs::canonicalize(path).ok();
     identity(a).is_some_and(|a| Some(a) == identity(b))
+}
+
+/// The user's folder for what can be made again.
+pub fn cache_folder() -> Option<PathBuf> {
+    user_folder(["LOCALAPPDATA", "Library/Caches"], ["XDG_CACHE_HOME", ".cache"])
+}
+
+/// The user's folder for settings.
+pub fn settings_folder() -> Option<PathBuf> {
+    user_folder(["APPDATA", "Library/Application Support"], ["XDG_CONFIG_HOME", ".config"])
+}
+
+/// This program's part of one of the user's folders: a variable on Windows and a place at home on macOS; elsewhere a
+/// variable, or a place at home where it is not set.
+fn user_folder([windows, mac]: [&str; 2], [variable, place]: [&str; 2]) -> Option<PathBuf> {
+    let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let at_home = |place: &str| of("HOME").map(|home| home.join(place));
+    let folder = if cfg!(windows) {
+        of(windows)
+    } else if cfg!(target_os = "macos") {
+        at_home(mac)
+    } else {
+        of(variable).or_else(|| at_home(place))
+    };
+    folder.map(|folder| folder.join("pix2hdr"))
+}
+
+/// How the speed of a piece of work is measured. The fastest trial counts, since other programs only ever make one slower.
+#[derive(Clone, Copy, Debug)]
+pub struct Trials {
+    /// Time of a trial that counts: the work is repeated in it until it takes that long.
+    pub long_enough: Duration,
+    /// Trials before one is believed to be long enough.
+    pub careful: usize,
+    /// Trials at least.
+    pub least: usize,
+    /// How long trials are repeated.
+    pub patience: Duration,
+}
+
+impl Trials {
+    /// Repetitions of the work in one trial at most.
+    const MOST: u32 = 1 << 24;
+
+    /// How often per second a piece of work is done at best. `time` does it so many times, and says how long that took.
+    pub fn rate<E>(&self, mut time: impl FnMut(u32) -> Result<Duration, E>) -> Result<f64, E> {
+        let mut shortest = |least: usize, patience: Duration, times: u32| {
+            let begun = Instant::now();
+            let mut shortest = Duration::MAX;
+            for trial in 0.. {
+                if trial >= least && begun.elapsed() >= patience {
+                    break;
+                }
+                shortest = shortest.min(time(times)?);
+            }
+            Ok::<_, E>(shortest)
+        };
+        let mut times = 1;
+        while shortest(self.careful, Duration::ZERO, times)? < self.long_enough && times < Self::MOST {
+            times *= 2;
+        }
+        Ok(f64::from(times) / shortest(self.least, self.patience, times)?.as_secs_f64())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fastest_of_long_trials_counts() {
+        let trials =
+            Trials { long_enough: Duration::from_millis(10), careful: 2, least: 5, patience: Duration::ZERO };
+        // A piece takes a millisecond, and something else disturbs all trials but one in three.
+        let mut count = 0;
+        let rate = trials.rate(|times| {
+            count += 1;
+            let disturbed = Duration::from_millis(if count % 3 == 0 { 0 } else { 7 });
+            Ok::<_, ()>(Duration::from_millis(times.into()) + disturbed)
+        });
+        assert!((rate.unwrap() - 1000.0).abs() < 1e-6);
+        assert_eq!(trials.rate(|_| Err("no clock")), Err("no clock"));
+    }
 }

@@ -345,14 +345,14 @@ fn broken_shaders_are_caught() {
     let mutants = [
         ("box_estimate", "2 * (n - 1) - i", "n - 1"),
         ("box_estimate", "measured < SATURATED", "measured <= 1.0"),
-        ("box_estimate", "i32(schedule.x) + FIRST_FRAME + t", "t"),
+        ("box_estimate", "(i32(schedule.x) + frame)", "frame"),
         ("box_estimate", "y % PATTERN_ROWS", "y % PATTERN_COLS"),
         ("features", "channel % CHANNELS", "(channel + 1) % CHANNELS"),
         ("features", "MU * p", "MU * p * 1.00001"),
         ("conv3d", "STRIDE_Y - PADDING_Y", "STRIDE_Y - PADDING_Y + 1"),
-        ("conv3d", "tap_t * KERNEL_Y + tap_y", "tap_y * KERNEL_T + tap_t"),
+        ("conv3d", "(t * KERNEL_Y + y) * KERNEL_X", "(y * KERNEL_T + t) * KERNEL_X"),
         ("conv3d", "x >= 0 &&", "x >= -1 &&"),
-        ("conv3d", "vec4<f32>(column_0.y), row_1_0", "vec4<f32>(column_0.y), row_0_0"),
+        ("conv3d", "vec4<f32>(column[p][i]), row[i]", "vec4<f32>(column[p][i]), row[i & 2]"),
         ("conv3d", "terms[TERM_VECTORS + vector]", "terms[vector]"),
         ("conv3d", "pixel * ADDED_STRIDE", "(pixel + 1) * ADDED_STRIDE"),
         ("conv3d", "max(v, vec4<f32>())", "v"),
@@ -361,8 +361,8 @@ fn broken_shaders_are_caught() {
         (
             "conv3d",
             "var weight =",
-            "sum_0_0 = vec4<f32>(unpack2x16float(pack2x16float(sum_0_0.xy)), \
-             unpack2x16float(pack2x16float(sum_0_0.zw))); $0",
+            "(*sums)[0][0] = vec4<f32>(unpack2x16float(pack2x16float((*sums)[0][0].xy)), \
+             unpack2x16float(pack2x16float((*sums)[0][0].zw))); $0",
         ),
         ("conv_transpose3d", "(phase_x + PADDING_X) % STRIDE_X", "phase_x % STRIDE_X"),
         ("conv_transpose3d", "STRIDE_Y + phase_y", "STRIDE_Y + phase_x"),
@@ -370,11 +370,11 @@ fn broken_shaders_are_caught() {
         ("inverse_response", "index + 1u", "index"),
         ("inverse_response", "rendered_exposures[i]", "rendered_exposures[0]"),
         ("fuse", "WEIGHTS_C + i", "i"),
-        ("log_irradiance", "FIRST_FRAME + t", "FIRST_FRAME"),
+        ("log_irradiance", "first_frame + t", "first_frame"),
         ("features", "pixel_t + FRAME_OFFSETS", "pixel_t - FRAME_OFFSETS"),
-        ("features", "(frame * LOGS_Y", "(pixel_t * LOGS_Y"),
+        ("features", "(frame * geometry.logs_y", "(pixel_t * geometry.logs_y"),
         ("blend", "- pixel.base)", ")"),
-        ("blend", "tap_y < LOGS_Y", "tap_y < LOGS_Y - 1"),
+        ("blend", "y < geometry.logs_y", "y < geometry.logs_y - 1"),
         ("blend", "pixel.t + dt", "pixel.t"),
         ("blend", "weight(pixel, TAPS)", "weight(pixel, 0)"),
     ];
@@ -382,13 +382,17 @@ fn broken_shaders_are_caught() {
     let reduced_mutants = [
         ("conv3d", "pack2x16float(c.zw)", "pack2x16float(c.wz)"),
         ("conv3d", "activation(sum * terms[vector]", "activation(sum"),
-        ("conv3d", "fn input_values(v: INPUT_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
-        ("conv3d", "fn weights_values(v: WEIGHTS_VECTOR) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
+        ("conv3d", "fn input_values(v: InputVector) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
+        ("conv3d", "fn weights_values(v: WeightsVector) -> vec4<f32> {", "$0 return vec4<f32>(1.0);"),
     ];
     // Where invocations share weights, each takes its own in place of another's, as if nobody had waited for it.
     let team_mutants = [
-        ("conv3d", "subgroupBroadcast(loaded_0, 1u)", "loaded_0"),
-        ("conv_transpose3d", "subgroupBroadcast(loaded_0, 2u)", "loaded_0"),
+        ("conv3d", "subgroupShuffle(loaded[(4 * j + i) / LANES], u32((4 * j + i) % LANES))", "loaded[0]"),
+        (
+            "conv_transpose3d",
+            "subgroupShuffle(loaded[(4 * j + i) / LANES], u32((4 * j + i) % LANES))",
+            "loaded[0]",
+        ),
     ];
     let team = variants().into_iter().find(|variant| variant.lanes > 1);
     // The window ends behind the pattern's period.

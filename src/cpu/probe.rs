@@ -1,20 +1,22 @@
 //! What the processor can do at most: operations and copied bytes per second, measured on all threads of the `rayon`
 //! pool that this is called from.
 
+use std::convert::Infallible;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
 use super::simd::{Simd, Target, Task, Vector};
+use crate::system::Trials;
 
-/// Time of a trial that counts: above what starting threads costs, and so short that some trials go undisturbed where
-/// other programs run.
-const LONG_ENOUGH: Duration = Duration::from_micros(500);
-/// How long trials are repeated. The fastest counts.
-const PATIENCE: Duration = Duration::from_millis(500);
-/// Trials before one is believed to be long enough, and at least in all.
-const CAREFUL: usize = 5;
+/// Trials are long above what starting threads costs, and so short that some go undisturbed where other programs run.
+const TRIALS: Trials = Trials {
+    long_enough: Duration::from_micros(500),
+    careful: 5,
+    least: 5,
+    patience: Duration::from_millis(500),
+};
 
 /// Vectors of sums that are independent: enough to keep two units of a latency of four or five cycles busy, few enough
 /// for 16 registers.
@@ -33,7 +35,7 @@ pub fn measure_flop_rate() -> f64 {
     let mut flop_per_turn = 0;
     simd.run(Chains { turns: 0, flop: &mut flop_per_turn });
     // Every thread for itself, all at the same time: no trial waits for a thread that another program holds up.
-    let rates = rayon::broadcast(|_| fastest(|turns| simd.run(Chains { turns, flop: &mut 0 })));
+    let rates = rayon::broadcast(|_| rate(|turns| simd.run(Chains { turns: turns as usize, flop: &mut 0 })));
     flop_per_turn as f64 * rates.iter().sum::<f64>()
 }
 
@@ -43,7 +45,7 @@ pub fn measure_copy_rate() -> f64 {
     let input = vec![1_u64; COPIED_BYTES / size_of::<u64>()];
     let mut output = vec![2_u64; input.len()];
     let part = input.len().div_ceil(rayon::current_num_threads());
-    let rate = fastest(|times| {
+    let rate = rate(|times| {
         for _ in 0..times {
             let parts = output.par_chunks_mut(part).zip(input.par_chunks(part));
             parts.for_each(|(output, input)| output.copy_from_slice(input));
@@ -54,25 +56,14 @@ pub fn measure_copy_rate() -> f64 {
 }
 
 /// How often per second a piece of work is done at best. `work` does it so many times.
-fn fastest(mut work: impl FnMut(usize)) -> f64 {
-    let mut time = |times| {
+fn rate(mut work: impl FnMut(u32)) -> f64 {
+    let timed = |times| {
         let begun = Instant::now();
         work(times);
-        begun.elapsed()
+        Ok::<_, Infallible>(begun.elapsed())
     };
-    let mut best_of = |patience: Duration, times| {
-        let begun = Instant::now();
-        let mut shortest: Duration = (0..CAREFUL).map(|_| time(times)).min().unwrap_or_default();
-        while begun.elapsed() < patience {
-            shortest = shortest.min(time(times));
-        }
-        shortest
-    };
-    let mut times = 1;
-    while best_of(Duration::ZERO, times) < LONG_ENOUGH && times < 1 << 40 {
-        times *= 2;
-    }
-    times as f64 / best_of(PATIENCE, times).as_secs_f64()
+    let Ok(rate) = TRIALS.rate(timed);
+    rate
 }
 
 /// Chains of multiply-adds in registers: `turns` on each of the accumulators.

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use wgpu::{BufferUsages, ErrorFilter, Features, PollError, PollStatus, PollType};
 
-use super::kernels::WORKGROUP_SIZE;
+use super::dispatch::WORKGROUP_SIZE;
+use super::pipelines::Pipelines;
 use super::variant::{Abilities, Variant};
 use super::{Adapter, AdapterChoice, GpuError, Results};
 
@@ -23,6 +24,7 @@ pub struct Gpu {
     adapter: Arc<Adapter>,
     opened: Arc<(wgpu::Instance, wgpu::Adapter)>,
     failures: Arc<Failures>,
+    pipelines: Arc<Pipelines>,
     /// Where executors keep results, if somebody draws them with this device.
     results: Option<Arc<Results>>,
 }
@@ -69,7 +71,8 @@ impl Gpu {
             })
         });
         let opened = Arc::new((instance, wgpu_adapter));
-        Ok(Self { device, queue, adapter: Arc::new(adapter), opened, failures, results: None })
+        let pipelines = Arc::default();
+        Ok(Self { device, queue, adapter: Arc::new(adapter), opened, failures, pipelines, results: None })
     }
 
     /// The same GPU for somebody who draws results with it: executors keep them in [`Gpu::results`], and none of them
@@ -130,6 +133,7 @@ impl Gpu {
             software: self.adapter.is_software(),
             subgroup: subgroup.max(1) as usize,
             int64: self.device.features().contains(Features::SHADER_INT64),
+            max_workgroups: self.device.limits().max_compute_workgroups_per_dimension,
         }
     }
 
@@ -214,8 +218,18 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A compute pipeline with the only entry point of `source`.
+    /// A compute pipeline with the only entry point of `source`, which is compiled once. A step that is computed by it gives
+    /// it its name.
     pub(super) fn pipeline(
+        &self,
+        step: &str,
+        source: &str,
+        layout: impl FnOnce(&wgpu::Device) -> wgpu::PipelineLayout,
+    ) -> Result<wgpu::ComputePipeline, GpuError> {
+        self.pipelines.get(source, || self.compile(step, source, &layout(&self.device)))
+    }
+
+    fn compile(
         &self,
         step: &str,
         source: &str,

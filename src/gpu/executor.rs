@@ -13,7 +13,7 @@ use std::time::Duration;
 use wgpu::BufferUsages;
 
 use self::download::Download;
-use self::record::{Builder, Recorded, record};
+use self::record::{Buffers, Builder, Recorded, record};
 use super::storage::{Format, Formats};
 use super::tune::Tuning;
 use super::variant::Variant;
@@ -23,8 +23,8 @@ use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime, 
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
-/// Bytes between the reports of overflow of two steps: bindings may begin at any multiple of it on every adapter.
-const OVERFLOW_STRIDE: u64 = 256;
+/// Bytes between what two steps have in one buffer: bindings may begin at any multiple of it on every adapter.
+const BINDING_STRIDE: u64 = 256;
 
 /// Runs one plan on a GPU.
 ///
@@ -110,10 +110,10 @@ impl GpuExecutor {
         });
         let slots = slots.collect::<Result<Vec<_>, _>>()?;
         let overflow =
-            gpu.buffer("reports of overflow", plan.steps.len().max(1) as u64 * OVERFLOW_STRIDE, usage)?;
+            gpu.buffer("reports of overflow", plan.steps.len().max(1) as u64 * BINDING_STRIDE, usage)?;
         let schedule = gpu.buffer("schedule", 16, BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
-        let mut builder =
-            Builder::new(gpu, &formats, &slots, [&overflow, &schedule], calibration, options.variant)?;
+        let buffers = Buffers { slots: &slots, schedule: &schedule, overflow: &overflow };
+        let builder = Builder::new(gpu, &plan, &formats, buffers, calibration)?;
         let mut tuning = options.tuned_in.and_then(|folder| Tuning::open(gpu, folder));
         let steps = plan
             .steps
@@ -211,7 +211,7 @@ impl GpuExecutor {
                 *result = if value.is_finite() { value } else { 0.0 };
             }
             let magnitudes =
-                reports.chunks(OVERFLOW_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
+                reports.chunks(BINDING_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
             overflow = magnitudes.enumerate().find(|(_, magnitude)| *magnitude != 0.0);
         })?;
         self.free.push(download.buffer);

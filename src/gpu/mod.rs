@@ -1,14 +1,17 @@
 //! The GPU executor: hand-written WGSL on `wgpu`.
 //!
 //! [`adapters`] lists what there is, [`Gpu::open`] opens one of them, and [`GpuExecutor`] runs a plan on it. The
-//! shaders are in `shaders/`, one file per kernel with the name of its CPU twin; `kernels.rs` has the table of them.
+//! shaders are in `shaders/`, one file per kernel with the name of its CPU twin; [`shader`] makes of them what is
+//! compiled.
 
 mod adapter;
 mod device;
+mod dispatch;
 mod executor;
-mod kernels;
+mod pipelines;
 mod probe;
 mod results;
+pub mod shader;
 mod storage;
 mod tune;
 mod variant;
@@ -19,7 +22,6 @@ pub use device::Gpu;
 pub use executor::{Edit, GpuExecutor, Options};
 pub use results::{DeviceFrame, Results};
 pub use storage::{Format, Formats};
-pub use tune::cache_folder;
 pub use variant::Variant;
 
 /// What can go wrong with a GPU.

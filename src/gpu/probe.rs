@@ -1,24 +1,20 @@
 //! What an adapter can do at most: operations and copied bytes per second, measured.
 //!
-//! Each probe repeats its work in one submission until that takes [`LONG_ENOUGH`], so that the way to the device does
+//! Each probe repeats its work in one submission until that takes long enough ([`TRIALS`]), so that the way to the device does
 //! not count, and keeps the fastest of several submissions.
 
 use std::time::{Duration, Instant};
 
 use wgpu::BufferUsages;
 
+use super::shader::table::file;
+use super::shader::{Parameters, dump, specialise};
 use super::{Gpu, GpuError};
-
-const FMA: &str = include_str!("../../shaders/probe_fma.wgsl");
-const COPY: &str = include_str!("../../shaders/probe_copy.wgsl");
+use crate::system::Trials;
 
 const WORKGROUP_SIZE: usize = 256;
-/// Time of a submission that counts.
-const LONG_ENOUGH: Duration = Duration::from_millis(10);
-/// Submissions of which the fastest is kept.
-const TRIALS: usize = 20;
-/// Submissions before one is believed to be long enough.
-const CAREFUL: usize = 3;
+const TRIALS: Trials =
+    Trials { long_enough: Duration::from_millis(10), careful: 3, least: 20, patience: Duration::ZERO };
 /// Bytes of a vec4<f32>.
 const VECTOR: usize = 16;
 
@@ -42,9 +38,12 @@ impl Gpu {
         let parameters = self.buffer("probe", 3 * VECTOR as u64, usage)?;
         let mut best: f64 = 0.0;
         for accumulators in ACCUMULATORS {
-            let probe = Probe::new(self, &fma_text(accumulators), [&parameters, &output])?;
+            let mut values = Parameters::default();
+            values.set("accumulators", accumulators);
+            values.set("rounds", ROUNDS);
+            let probe = Probe::new(self, "probe_fma", values, [&parameters, &output])?;
             let flop = (2 * 4 * accumulators * ROUNDS * INVOCATIONS) as f64;
-            let rate = fastest(|times| {
+            let rate = TRIALS.rate(|times| {
                 let (x, y) = (0.999_f32, 0.001_f32);
                 let values = [[x.to_bits(); 4], [y.to_bits(); 4], [times; 4]];
                 self.queue.write_buffer(&parameters, 0, bytemuck::cast_slice(&values));
@@ -61,8 +60,8 @@ impl Gpu {
         // A power of two that a kernel can see at once.
         let bytes = (wanted as u64).min(1 << self.largest_binding().ilog2()) as usize;
         let buffer = || self.buffer("probe", bytes as u64, BufferUsages::STORAGE);
-        let probe = Probe::new(self, COPY, [&buffer()?, &buffer()?])?;
-        let rate = fastest(|times| probe.time(bytes / VECTOR / WORKGROUP_SIZE, times))?;
+        let probe = Probe::new(self, "probe_copy", Parameters::default(), [&buffer()?, &buffer()?])?;
+        let rate = TRIALS.rate(|times| probe.time(bytes / VECTOR / WORKGROUP_SIZE, times))?;
         Ok(2.0 * bytes as f64 * rate)
     }
 }
@@ -75,7 +74,12 @@ struct Probe<'a> {
 }
 
 impl<'a> Probe<'a> {
-    fn new(gpu: &'a Gpu, text: &str, buffers: [&wgpu::Buffer; 2]) -> Result<Self, GpuError> {
+    fn new(
+        gpu: &'a Gpu,
+        name: &str,
+        mut parameters: Parameters,
+        buffers: [&wgpu::Buffer; 2],
+    ) -> Result<Self, GpuError> {
         let device = &gpu.device;
         let entry = |binding: u32, read_only| wgpu::BindGroupLayoutEntry {
             binding,
@@ -88,22 +92,25 @@ impl<'a> Probe<'a> {
             count: None,
         };
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("probe"),
+            label: Some(name),
             entries: &[entry(0, true), entry(1, false)],
         });
-        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("probe"),
-            bind_group_layouts: &[Some(&layout)],
-            immediate_size: 0,
-        });
-        let text = format!("const WORKGROUP_SIZE: u32 = {WORKGROUP_SIZE}u;\n{text}");
-        let pipeline = gpu.pipeline("probe", &text, &pipeline_layout)?;
+        parameters.set("workgroup_size", WORKGROUP_SIZE);
+        let shader = specialise(file(&format!("{name}.wgsl")), &parameters);
+        dump(&[name], &shader);
+        let pipeline = gpu.pipeline(name, &shader.text, |device| {
+            device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(name),
+                bind_group_layouts: &[Some(&layout)],
+                immediate_size: 0,
+            })
+        })?;
         let entries = [0, 1].map(|binding| wgpu::BindGroupEntry {
             binding: binding as u32,
             resource: buffers[binding].as_entire_binding(),
         });
         let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("probe"),
+            label: Some(name),
             layout: &layout,
             entries: &entries,
         });
@@ -126,30 +133,4 @@ impl<'a> Probe<'a> {
         self.gpu.wait(submission)?;
         Ok(begun.elapsed())
     }
-}
-
-/// How often per second a piece of work is done at best. `time` does it so many times.
-fn fastest(mut time: impl FnMut(u32) -> Result<Duration, GpuError>) -> Result<f64, GpuError> {
-    let mut best_of = |trials: usize, times: u32| {
-        (0..trials).try_fold(Duration::MAX, |shortest, _| Ok::<_, GpuError>(shortest.min(time(times)?)))
-    };
-    let mut times: u32 = 1;
-    while best_of(CAREFUL, times)? < LONG_ENOUGH && times < 1 << 24 {
-        times *= 2;
-    }
-    Ok(f64::from(times) / best_of(TRIALS, times)?.as_secs_f64())
-}
-
-/// The probe of multiply-adds with so many accumulators.
-fn fma_text(accumulators: usize) -> String {
-    let repeat = |line: &str| -> String {
-        (0..accumulators).map(|i| line.replace("$i", &i.to_string()) + "\n").collect()
-    };
-    let round = repeat("sum_$i = fma(sum_$i, x, y);");
-    let line = |line: &str| match line.split("//").next().unwrap_or_default() {
-        code if code.trim() == "#rounds" => round.repeat(ROUNDS),
-        code if code.contains("$i") => repeat(code),
-        code => format!("{code}\n"),
-    };
-    FMA.lines().map(line).collect()
 }

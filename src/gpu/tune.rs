@@ -1,15 +1,16 @@
 //! Which variant of a convolution is fastest here: measured once for each layer, and kept on disk.
 //!
-//! A layer is known by its specialised shader, so that a changed shader is measured again. Without a file that can be
+//! A layer is known by its specialised shader and its size, so that a changed shader is measured again. Without a file that can be
 //! written nothing is measured, and [`Variant::choose`] decides.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use std::{env, fs};
 
 use super::Gpu;
 use super::variant::Variant;
+use crate::math::fnv_1a;
 use crate::video::atomic;
 
 /// How long layers of one plan may be measured, before the last one is begun. Those that are left are measured next
@@ -20,23 +21,10 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub(super) struct Tuning {
     file: PathBuf,
-    /// By hash of the shader.
+    /// By hash of the layer.
     variants: BTreeMap<String, Variant>,
     begun: Instant,
     changed: bool,
-}
-
-/// The user's folder for what can be made again.
-pub fn cache_folder() -> Option<PathBuf> {
-    let of = |name| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let folder = if cfg!(windows) {
-        of("LOCALAPPDATA")
-    } else if cfg!(target_os = "macos") {
-        of("HOME").map(|home| home.join("Library/Caches"))
-    } else {
-        of("XDG_CACHE_HOME").or_else(|| of("HOME").map(|home| home.join(".cache")))
-    };
-    folder.map(|folder| folder.join("pix2hdr"))
 }
 
 impl Tuning {
@@ -57,16 +45,16 @@ impl Tuning {
         }
     }
 
-    /// The variant for a layer with the shader `text`: the one that was measured before, or the fastest of
+    /// The variant for a `layer`, known by its shader and its size: the one that was measured before, or the fastest of
     /// `candidates` by `measure`.
     pub fn variant<E>(
         &mut self,
         gpu: &Gpu,
-        text: &str,
+        layer: &str,
         candidates: &[Variant],
         mut measure: impl FnMut(Variant) -> Result<Option<Duration>, E>,
     ) -> Result<Option<Variant>, E> {
-        let key = hash(text);
+        let key = hash(layer);
         let known = self.variants.get(&key).copied();
         if let Some(known) = known.filter(|&known| gpu.supports(known)) {
             return Ok(Some(known));
@@ -105,20 +93,7 @@ impl Tuning {
     }
 }
 
-/// A hash that is the same for every build: FNV-1a, 64 bits.
+/// What a layer or an adapter is known by.
 fn hash(text: &str) -> String {
-    let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
-    format!("{:016x}", text.bytes().fold(0xcbf2_9ce4_8422_2325, step))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_hash_is_fnv_1a() {
-        assert_eq!(hash(""), "cbf29ce484222325");
-        assert_eq!(hash("a"), "af63dc4c8601ec8c");
-        assert_eq!(hash("foobar"), "85944171f73967e8");
-    }
+    format!("{:016x}", fnv_1a(text.bytes()))
 }

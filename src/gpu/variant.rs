@@ -37,14 +37,13 @@ pub(super) struct Abilities {
     pub subgroup: usize,
     /// Whether shaders know 64-bit integers.
     pub int64: bool,
+    /// Workgroups along one dimension of a dispatch.
+    pub max_workgroups: u32,
 }
 
 impl Variant {
     /// Vectors of sums that an invocation may hold: above, compiling takes minutes.
     pub(super) const MAX_SUMS: usize = 64;
-
-    /// Kernels other than convolutions.
-    pub(super) const SINGLE: Self = Self { pixels: 1, vectors: 1, lanes: 1, wide: false };
 
     /// Pixels and vectors of blocks on a GPU, largest first: larger ones load less per operation, smaller ones keep
     /// more of the GPU busy.
@@ -137,8 +136,8 @@ impl Variant {
 mod tests {
     use super::*;
 
-    const SOFTWARE: Abilities = Abilities { software: true, subgroup: 8, int64: true };
-    const HARDWARE: Abilities = Abilities { software: false, subgroup: 32, int64: true };
+    const SOFTWARE: Abilities = Abilities { software: true, subgroup: 8, int64: true, max_workgroups: 65535 };
+    const HARDWARE: Abilities = Abilities { software: false, subgroup: 32, ..SOFTWARE };
 
     #[test]
     fn blocks_cover_all_pixels_and_channels() {

@@ -17,6 +17,7 @@ use super::graph::Graph;
 use super::kernel::{Convolution, Direction, Layer};
 use super::presets;
 use crate::fingerprint::{Fingerprint, Fingerprinted};
+use crate::math::fnv_1a;
 use crate::sensor::Pattern;
 use crate::{At, Error, Result};
 
@@ -180,9 +181,7 @@ impl Model {
         });
         let graph = serde_json::to_vec(&self.graph).unwrap_or_default();
         let bytes = graph.into_iter().chain(values.flat_map(|value| value.to_le_bytes()));
-        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
+        fnv_1a(bytes)
     }
 
     /// Number of values in all tensors.

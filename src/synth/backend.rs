@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use super::tiles::Limits;
 use crate::cpu::{CpuExecutor, Shared, Simd};
 use crate::fingerprint::{Fingerprint, Fingerprinted};
-use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options, cache_folder};
+use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options};
 use crate::network::{Executor, Plan, Precision};
 use crate::sensor::Calibration;
-use crate::system::memory;
+use crate::system::{cache_folder, memory};
 use crate::{Error, Result};
 
 /// Where a net is to run.
@@ -116,16 +116,11 @@ impl Backend {
         }
     }
 
-    /// Whether an executor takes long to make, since shaders are compiled for it.
-    pub fn compiles(&self) -> bool {
-        matches!(self, Self::Gpu(..))
-    }
-
     /// What limits a tile here.
     pub fn limits(&self, side: Option<usize>) -> Limits {
         match self {
             Self::Gpu(gpu, _) => {
-                // Shaders have places in buffers as constants, so that every piece would be compiled.
+                // Pieces are for a processor's cache, and each would be a dispatch of its own.
                 Limits { buffer: gpu.largest_binding(), total: 4 * gpu.largest_binding(), piece: None, side }
             }
             Self::Cpu => {

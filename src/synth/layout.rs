@@ -49,11 +49,10 @@ impl Layout {
     pub fn new(model: &Model, cut: Cut, cells: &Cells, grid: &Grid) -> Result<Self> {
         let cell = cells.size();
         // No tile is larger than the grid's, which fit into memory.
-        let cut = cut.no_longer_than(grid.tile_extent());
         let most = [0, 1].map(|axis| {
             let (longest, whole) = (grid.tile_extent()[axis], grid.extent()[axis]);
             let kept = longest.saturating_sub(2 * cut.halo()[axis]);
-            // Lengths are rounded up by a quarter at most.
+            // A fifth is left for what aligning a tile to the net's granularity adds.
             if longest == whole { usize::MAX } else { (kept * 4 / 5 / cell[axis + 1]).max(1) }
         });
         Ok(Self { overlap: overlap(model, cells)?, cut, hop: cells.hop(), cell, grid: grid.clone(), most })

@@ -87,7 +87,7 @@ impl Synthesizer {
         let lengths = lengths(&model.graph, &calibration, settings)?;
         let (model, grid) = &fit(model, &calibration, extent, backend.limits(settings.tile), &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
-        let exact = Cut::exact(&model.graph, &calibration, backend.compiles())?;
+        let exact = Cut::exact(&model.graph, &calibration)?;
         let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &calibration);
         let spread = skip.spread(&cells, exact.halo());
         let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
@@ -112,8 +112,7 @@ impl Synthesizer {
             skip,
             cells,
             layout,
-            // Compiling shaders takes longer than the frames of one window that nobody wants.
-            step: if backend.compiles() { hop } else { step },
+            step,
             spread,
             stop,
         })

@@ -78,8 +78,7 @@ impl Grid {
         [height, width]: [usize; 2],
         limits: Limits,
     ) -> Result<Self> {
-        // Whole frames have one length.
-        let cut = Cut::exact(&model.graph, calibration, false)?;
+        let cut = Cut::exact(&model.graph, calibration)?;
         let [height, width] = [height.next_multiple_of(cut.unit[0]), width.next_multiple_of(cut.unit[1])];
         let side = limits.side.unwrap_or(usize::MAX);
         let mut parts = [height.div_ceil(side.max(cut.unit[0])), width.div_ceil(side.max(cut.unit[1]))];
@@ -140,20 +139,16 @@ pub struct Cut {
     unit: [usize; 2],
     /// Pixels that a result depends on to each side.
     halo: [usize; 2],
-    /// Whether a new length costs much, since shaders are compiled for it: then lengths are rounded up to few.
-    few_lengths: bool,
-    /// Lengths that are not exceeded for that alone.
-    longest: [usize; 2],
 }
 
 impl Cut {
     /// With all that results depend on, so that they are those of the whole frame to the bit.
-    pub fn exact(graph: &Graph, calibration: &Calibration, few_lengths: bool) -> Result<Self> {
+    pub fn exact(graph: &Graph, calibration: &Calibration) -> Result<Self> {
         let [_, gy, gx] = graph.granularity()?;
         let unit = [crate::math::lcm(gy, calibration.rows), crate::math::lcm(gx, calibration.cols)];
         let [_, ry, rx] = graph.reach()?;
         let halo = [ry.next_multiple_of(unit[0]), rx.next_multiple_of(unit[1])];
-        Ok(Self { unit, halo, few_lengths, longest: [usize::MAX; 2] })
+        Ok(Self { unit, halo })
     }
 
     /// With what results depend on noticeably, which was measured (docs/skipping.md). Through layer after layer,
@@ -164,13 +159,7 @@ impl Cut {
             let root = ((self.unit[i] * self.halo[i]) as f64).sqrt();
             ((root / 4.0).ceil() as usize).min(self.halo[i])
         };
-        Self { halo: [halo(0), halo(1)], ..*self }
-    }
-
-    /// With lengths that are not rounded up beyond those of `longest` [rows, columns].
-    #[must_use]
-    pub fn no_longer_than(self, longest: [usize; 2]) -> Self {
-        Self { longest, ..self }
+        Self { unit: self.unit, halo: [halo(0), halo(1)] }
     }
 
     /// Rows and columns that a result depends on to each side.
@@ -183,11 +172,7 @@ impl Cut {
         let (halo, unit) = (self.halo[axis], self.unit[axis]);
         let first = kept.start.saturating_sub(halo) / unit * unit;
         let end = (kept.end + halo).next_multiple_of(unit).min(len);
-        let least = end - first;
-        let few = || round_up(least, unit).min(self.longest[axis]).min(len).max(least);
-        let outer_len = if self.few_lengths { few() } else { least };
-        let outer_start = first.min(len - outer_len);
-        Stretch { start: kept.start, len: kept.len(), outer_start, outer_len }
+        Stretch { start: kept.start, len: kept.len(), outer_start: first, outer_len: end - first }
     }
 
     /// Cuts `len` into `parts` of nearly equal length. All compute the same length, so that one executor does for all.
@@ -213,20 +198,14 @@ impl Cut {
     }
 }
 
-/// The next length, at most a quarter above `len`, that is a multiple of `unit` and one of about four an octave.
-fn round_up(len: usize, unit: usize) -> usize {
-    let step = (len.max(4).ilog2() - 2).min(usize::BITS - 2);
-    len.next_multiple_of(1 << step).next_multiple_of(unit)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_placed_stretch_sees_all_that_it_needs() {
-        let cut = |few_lengths| Cut { unit: [2, 4], halo: [14, 28], few_lengths, longest: [usize::MAX; 2] };
-        for (axis, cut) in [(0, cut(false)), (1, cut(false)), (0, cut(true)), (1, cut(true))] {
+        let cut = Cut { unit: [2, 4], halo: [14, 28] };
+        for axis in 0..2 {
             let (unit, len) = (cut.unit[axis], 240);
             for start in (0..len).step_by(8) {
                 for end in (start + 8..=len).step_by(8) {

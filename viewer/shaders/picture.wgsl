@@ -1,7 +1,30 @@
 // picture: planes [y, x] of a frame → colours as a pane shows them. Its CPU twin is `Picture::pixels`.
 //
-// One invocation computes one pixel of a part of the picture. In front of this text stand the colours of the twin as
-// constants, and `common/tone.wgsl` (`src/view/screen.rs`).
+// One invocation computes one pixel of a part of the picture. The colours and codes are those of the twin.
+
+//!include common/tone.wgsl
+
+// Rows and columns of pixels that a workgroup computes.
+const BLOCK: u32 = 8; //!parameter
+const SATURATED: f32 = 0.98; //!parameter
+// Colours of what is clipped and of cells that were computed; the false colours; from one sign of a difference to the other.
+const CLIPPED = vec3<f32>(255.0, 0.0, 0.0); //!parameter
+const COMPUTED = vec3<f32>(0.0, 0.0, 255.0); //!parameter
+const COLOURS = array<vec3<f32>, 2>(vec3<f32>(0.0), vec3<f32>(255.0)); //!parameter
+const COLOURS_LEN: f32 = 2.0; //!parameter
+const DIVERGING = array<vec3<f32>, 2>(vec3<f32>(0.0), vec3<f32>(255.0)); //!parameter
+const DIVERGING_LEN: f32 = 2.0; //!parameter
+// Thresholds of ordered dithering, in sixteenths.
+const BAYER = array<f32, 16>(0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5); //!parameter
+// What a picture shows; anything else is irradiance.
+const RAW: u32 = 1; //!parameter
+const SUB_FRAMES: u32 = 2; //!parameter
+const DIFFERENCE: u32 = 3; //!parameter
+// Where no pixel of a sub-frame stands.
+const NO_SOURCE: u32 = 0xffffffff; //!parameter
+// Bits of the mantissa that the table of brightness knows, and where it begins.
+const MANTISSA: u32 = 5; //!parameter
+const TABLE_FIRST: u32 = 0; //!parameter
 
 struct Part {
     // First row and column, and pixels of the frame from one that is shown to the next, which is the mean of them.
@@ -140,7 +163,7 @@ fn colour(y: u32, x: u32, place: vec2<u32>) -> vec3<f32> {
     }
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(BLOCK, BLOCK)
 fn picture(@builtin(global_invocation_id) at: vec3<u32>) {
     if (at.x >= part.cols || at.y >= part.rows) {
         return;

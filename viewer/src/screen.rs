@@ -4,7 +4,6 @@
 //! something about it has changed; a quad shows them. It reads planes where they are: results that the network left on
 //! the same device, or what is uploaded from main memory, once a frame.
 
-use std::fmt::Write;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -20,7 +19,11 @@ use crate::frame::{Frame, Plane};
 use crate::picture::{COMPUTED, Kinds, Picture};
 use crate::place::Part;
 use crate::tone::{BAYER, CLIPPED, COLOURS, Curve, DIVERGING, MANTISSA, ToneTable};
-use pix2hdr::network::{MU, SATURATED};
+use pix2hdr::gpu::shader::{Parameters, Source, Value, dump, specialise};
+
+const PICTURE: Source =
+    Source { path: "viewer/shaders/picture.wgsl", text: include_str!("../shaders/picture.wgsl") };
+const PANE: Source = Source { path: "viewer/shaders/pane.wgsl", text: include_str!("../shaders/pane.wgsl") };
 
 /// Rows and columns of pixels that a workgroup computes.
 const BLOCK: usize = 8;
@@ -191,16 +194,16 @@ impl Screen {
             view_dimension: wgpu::TextureViewDimension::D2,
         };
         bindings.push(entry(ShaderStages::COMPUTE, 6, target_texture));
-        let text = [
-            &header(),
-            include_str!("../../shaders/common/tone.wgsl"),
-            include_str!("../shaders/picture.wgsl"),
-        ]
-        .concat();
+        let text = |name, source, parameters| {
+            let shader = specialise(source, &parameters);
+            dump(&[name], &shader);
+            shader.text
+        };
+        let picture = text("picture", PICTURE, parameters());
         let colouring = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some("picture"),
             layout: Some(&layout("picture", &bindings)),
-            module: &module("picture", text),
+            module: &module("picture", picture),
             entry_point: Some("picture"),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
             cache: None,
@@ -215,7 +218,7 @@ impl Screen {
             entry(ShaderStages::FRAGMENT, 1, sampled),
             entry(ShaderStages::FRAGMENT, 2, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
         ];
-        let pane = module("pane", include_str!("../shaders/pane.wgsl").to_owned());
+        let pane = module("pane", text("pane", PANE, Parameters::default()));
         let drawing = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some("pane"),
             layout: Some(&layout("pane", &bindings)),
@@ -500,33 +503,26 @@ fn storage_buffer<T: Pod>(device: &wgpu::Device, label: &str, values: &[T]) -> w
     })
 }
 
-/// The twin's constants, in WGSL.
-fn header() -> String {
-    let colour = |[r, g, b]: [u8; 3]| format!("vec3({r}.0, {g}.0, {b}.0)");
-    let list = |colours: &[[u8; 3]]| colours.iter().map(|c| colour(*c)).collect::<Vec<_>>().join(", ");
-    let thresholds = BAYER.as_flattened().iter().map(|v| format!("{v}.0")).collect::<Vec<_>>().join(", ");
-    let mut text = String::new();
-    let mut constant = |name: &str, value: String| {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "const {name} = {value};");
-    };
-    constant("CLIPPED", colour(CLIPPED));
-    constant("COMPUTED", colour(COMPUTED));
-    for (name, colours) in [("COLOURS", &COLOURS[..]), ("DIVERGING", &DIVERGING)] {
-        constant(name, format!("array<vec3<f32>, {}>({})", colours.len(), list(colours)));
-        constant(&format!("{name}_LEN"), format!("{}.0", colours.len()));
+/// What the shader has from the twin.
+fn parameters() -> Parameters {
+    let colour = |[r, g, b]: [u8; 3]| format!("vec3<f32>({r}.0, {g}.0, {b}.0)");
+    let mut parameters = Parameters::default();
+    parameters.set("block", BLOCK);
+    parameters.set("clipped", Value::Other(colour(CLIPPED)));
+    parameters.set("computed", Value::Other(colour(COMPUTED)));
+    for (name, colours) in [("colours", &COLOURS[..]), ("diverging", &DIVERGING)] {
+        parameters.set(name, Value::array("vec3<f32>", colours.iter().map(|c| colour(*c))));
+        parameters.set(&format!("{name}_len"), colours.len() as f32);
     }
-    constant("BAYER", format!("array<f32, 16>({thresholds})"));
-    for (name, kind) in [("RAW", RAW), ("SUB_FRAMES", SUB_FRAMES), ("DIFFERENCE", DIFFERENCE)] {
-        constant(name, format!("{kind}u"));
+    let thresholds = BAYER.as_flattened().iter().map(|&threshold| Value::Float(threshold.into()));
+    parameters.set("bayer", Value::array("f32", thresholds));
+    for (name, kind) in [("raw", RAW), ("sub_frames", SUB_FRAMES), ("difference", DIFFERENCE)] {
+        parameters.set(name, kind);
     }
-    constant("NO_SOURCE", format!("{NO_SOURCE}u"));
-    constant("MANTISSA", format!("{MANTISSA}u"));
-    constant("TABLE_FIRST", format!("{}u", ToneTable::FIRST));
-    constant("SATURATED", format!("{SATURATED:?}"));
-    constant("MU", format!("{MU:?}"));
-    constant("LN_1P_MU", format!("{:?}", MU.ln_1p()));
-    text
+    parameters.set("no_source", NO_SOURCE);
+    parameters.set("mantissa", MANTISSA);
+    parameters.set("table_first", ToneTable::FIRST);
+    parameters
 }
 
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! What the interface is set to, and how each action changes it. No window is needed for any of this.
 
-use std::env;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -14,6 +13,7 @@ use crate::tone::{Curve, Display};
 use pix2hdr::network::{Precision, presets};
 use pix2hdr::sensor::Pattern;
 use pix2hdr::synth::{self, Skip};
+use pix2hdr::system::settings_folder;
 use pix2hdr::video::atomic;
 use pix2hdr::{At, Result};
 
@@ -133,15 +133,7 @@ impl Settings {
 
     /// Where they are kept: the user's folder for configuration.
     pub fn path() -> Option<PathBuf> {
-        let of = |name| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let folder = if cfg!(windows) {
-            of("APPDATA")
-        } else if cfg!(target_os = "macos") {
-            of("HOME").map(|home| home.join("Library/Application Support"))
-        } else {
-            of("XDG_CONFIG_HOME").or_else(|| of("HOME").map(|home| home.join(".config")))
-        };
-        folder.map(|folder| folder.join("pix2hdr/view.json"))
+        settings_folder().map(|folder| folder.join("view.json"))
     }
 
     /// Writes them.

@@ -101,7 +101,7 @@ const MUTANTS: [Mutant; 23] = [
     },
     Mutant {
         what: "what f16 cannot hold is not reported",
-        file: "shaders/common/epilogue.wgsl",
+        file: "shaders/common/convolution.wgsl",
         sound: "if (LIMITED && largest * terms[4 * TERM_VECTORS].x > LIMIT)",
         faulty: "if (LIMITED && largest > 1e38)",
         test: ["gpu_executor", "what_f16_cannot_hold_is_stored_in_other_units"],

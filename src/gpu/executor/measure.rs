@@ -12,6 +12,7 @@ use crate::gpu::variant::Variant;
 use crate::gpu::weights::{loaded, stored};
 use crate::gpu::{Gpu, GpuError};
 use crate::network::Step;
+use crate::system::Trials;
 
 /// Bytes of its output in which variants of a convolution have to agree.
 const COMPARED_BYTES: usize = 1 << 22;
@@ -19,63 +20,59 @@ const COMPARED_BYTES: usize = 1 << 22;
 impl Builder<'_> {
     /// The fastest variant of a convolution, if there was time to find it.
     pub(super) fn tune(
-        &mut self,
+        &self,
         index: usize,
         step: &Step,
         tuning: &mut Tuning,
     ) -> Result<Option<Variant>, GpuError> {
         let gpu = self.gpu.clone();
-        let call = self.call(step, None)?;
-        let Some(extent) = call.extent else { return Ok(None) };
-        let candidates = Variant::candidates(extent, self.target.abilities);
+        let chosen = self.dispatch(step, None)?;
+        // Its shader and its size.
+        let layer = format!("{}{:?}", chosen.shader.text, chosen.shader.uniform());
+        let Some(extent) = chosen.extent else { return Ok(None) };
+        let candidates = Variant::candidates(extent, gpu.abilities());
         let [read, written] = [&step.inputs[0], &step.output].map(|view| self.formats.of(view));
         let (input, output) = (step.inputs[0].slot, step.output.slot);
         let mut expected: Option<Vec<f32>> = None;
-        let variant = tuning.variant(&gpu, &call.text, &candidates, |variant| {
+        let variant = tuning.variant(&gpu, &layer, &candidates, |variant| {
             if expected.is_none() {
                 let count = self.formats.slot_bytes[input] / read.bytes();
                 let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
-                gpu.queue.write_buffer(&self.slots[input], 0, &stored(&values, read));
+                gpu.queue.write_buffer(&self.buffers.slots[input], 0, &stored(&values, read));
             }
-            let recorded = self.bind(index, step, &self.call(step, Some(variant))?)?;
+            let recorded = self.bind(index, step, &self.dispatch(step, Some(variant))?)?;
             // Or a variant that writes nothing would show what the one before it wrote.
-            clear(&gpu, [&self.slots[output]]);
+            clear(&gpu, [&self.buffers.slots[output]]);
             let time = time(&gpu, &recorded)?;
             // Not every driver may number the invocations of a subgroup as teams want it.
             let begin = step.output.offset * written.bytes();
             let end = self.formats.slot_bytes[output].min(begin + COMPARED_BYTES);
-            let result = loaded(&read_back(&gpu, &self.slots[output], begin..end)?, written);
+            let result = loaded(&read_back(&gpu, &self.buffers.slots[output], begin..end)?, written);
             let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
             expected.get_or_insert(result);
             Ok::<_, GpuError>(same.then_some(time))
         })?;
         if expected.is_some() {
-            clear(&gpu, [&self.slots[input], &self.slots[output]]);
+            clear(&gpu, [&self.buffers.slots[input], &self.buffers.slots[output]]);
         }
         Ok(variant)
     }
 }
 
-/// Time of one dispatch of a step: the shortest of several runs, each of them long enough to be measured.
+/// Time of one dispatch of a step.
 fn time(gpu: &Gpu, step: &Recorded) -> Result<Duration, GpuError> {
-    const LONG_ENOUGH: Duration = Duration::from_millis(3);
-    let run = |count: u32| {
+    const TRIALS: Trials =
+        Trials { long_enough: Duration::from_millis(3), careful: 2, least: 3, patience: Duration::ZERO };
+    let rate = TRIALS.rate(|count| {
         let begun = Instant::now();
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         for _ in 0..count {
             GpuExecutor::encode(std::slice::from_ref(step), &mut encoder);
         }
         gpu.wait(gpu.queue.submit([encoder.finish()]))?;
-        Ok(begun.elapsed())
-    };
-    run(1)?;
-    let once = run(1)?.max(Duration::from_micros(10));
-    let count = (LONG_ENOUGH.as_secs_f64() / once.as_secs_f64()).ceil() as u32;
-    let mut shortest = Duration::MAX;
-    for _ in 0..3 {
-        shortest = run(count)?.min(shortest);
-    }
-    Ok(shortest / count)
+        Ok::<_, GpuError>(begun.elapsed())
+    })?;
+    Ok(Duration::from_secs_f64(rate.recip()))
 }
 
 /// Fills buffers with zeros.

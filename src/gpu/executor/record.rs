@@ -1,16 +1,19 @@
 //! How a step becomes a pipeline with its buffers bound.
 
-use std::collections::HashMap;
 use std::num::NonZero;
 
-use super::{OVERFLOW_STRIDE, Options};
-use crate::gpu::kernels::{Call, Resource, Target};
+use wgpu::{BindGroupEntry, BindGroupLayoutEntry, BindingResource, BufferBinding, BufferBindingType};
+
+use super::{BINDING_STRIDE, Options};
+use crate::gpu::dispatch::Dispatch;
+use crate::gpu::shader::table::{KernelShader, Resource};
+use crate::gpu::shader::{Shader, dump};
 use crate::gpu::storage::Formats;
 use crate::gpu::tune::Tuning;
 use crate::gpu::variant::Variant;
 use crate::gpu::weights::Terms;
 use crate::gpu::{Gpu, GpuError};
-use crate::network::Step;
+use crate::network::{Plan, Step};
 use crate::sensor::Calibration;
 
 /// Operations from which on a convolution is worth measuring.
@@ -19,9 +22,10 @@ const WORTH_TUNING: f64 = 2e7;
 /// A step with all that recording it needs.
 #[derive(Debug)]
 pub(super) struct Recorded {
-    pub(super) pipeline: wgpu::ComputePipeline,
-    pub(super) bind_group: wgpu::BindGroup,
-    pub(super) workgroups: [u32; 2],
+    pipeline: wgpu::ComputePipeline,
+    /// What all steps share, and what belongs to this one.
+    groups: [wgpu::BindGroup; 2],
+    workgroups: [u32; 2],
     /// Terms of a convolution, and where they lie.
     pub(super) terms: Option<(Terms, wgpu::Buffer)>,
 }
@@ -30,57 +34,65 @@ pub(super) struct Recorded {
 pub(super) fn record(pass: &mut wgpu::ComputePass<'_>, steps: &[Recorded]) {
     for step in steps {
         pass.set_pipeline(&step.pipeline);
-        pass.set_bind_group(0, &step.bind_group, &[]);
+        for (index, group) in (0..).zip(&step.groups) {
+            pass.set_bind_group(index, group, &[]);
+        }
         pass.dispatch_workgroups(step.workgroups[0], step.workgroups[1], 1);
     }
+}
+
+/// Buffers that the steps of a plan share.
+pub(super) struct Buffers<'a> {
+    /// The plan's slots.
+    pub(super) slots: &'a [wgpu::Buffer],
+    /// The schedule time of the window, a uniform.
+    pub(super) schedule: &'a wgpu::Buffer,
+    /// What f16 could not hold, by step.
+    pub(super) overflow: &'a wgpu::Buffer,
 }
 
 /// What steps are made from.
 pub(super) struct Builder<'a> {
     pub(super) gpu: &'a Gpu,
     pub(super) formats: &'a Formats,
-    pub(super) slots: &'a [wgpu::Buffer],
-    overflow: &'a wgpu::Buffer,
+    pub(super) buffers: Buffers<'a>,
     calibration: &'a Calibration,
-    pub(super) target: Target,
-    inverse_response: wgpu::Buffer,
-    exposures: wgpu::Buffer,
-    schedule: &'a wgpu::Buffer,
-    /// Layouts by shader.
-    layouts: HashMap<&'static str, (wgpu::BindGroupLayout, wgpu::PipelineLayout)>,
-    /// Pipelines by text: many layers of a net differ in their weights only.
-    pipelines: HashMap<String, wgpu::ComputePipeline>,
+    /// Bindings that all steps share.
+    common: wgpu::BindGroup,
+    /// Geometry, by step.
+    geometry: wgpu::Buffer,
+    /// Name of the plan and its window, for people.
+    window: String,
 }
 
 impl<'a> Builder<'a> {
-    /// For steps of a plan that is stored so, with the buffers that all of them share.
+    /// For the steps of a plan that is stored so.
     pub(super) fn new(
         gpu: &'a Gpu,
+        plan: &Plan,
         formats: &'a Formats,
-        slots: &'a [wgpu::Buffer],
-        [overflow, schedule]: [&'a wgpu::Buffer; 2],
+        buffers: Buffers<'a>,
         calibration: &'a Calibration,
-        variant: Option<Variant>,
     ) -> Result<Self, GpuError> {
-        let max_workgroups = gpu.device.limits().max_compute_workgroups_per_dimension;
-        Ok(Self {
-            gpu,
-            formats,
-            slots,
-            overflow,
-            calibration,
-            target: Target { max_workgroups, abilities: gpu.abilities(), variant },
-            inverse_response: gpu.storage("table of the inverse response", &calibration.inverse_response)?,
-            exposures: gpu.storage("table of exposures", &calibration.exposures)?,
-            schedule,
-            layouts: HashMap::new(),
-            pipelines: HashMap::new(),
-        })
+        let inverse_response = gpu.storage("table of the inverse response", &calibration.inverse_response)?;
+        let exposures = gpu.storage("table of exposures", &calibration.exposures)?;
+        let tables = [&inverse_response, &exposures, buffers.schedule];
+        let common = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("calibration"),
+            layout: &common_layout(&gpu.device),
+            entries: &entries(tables.map(wgpu::Buffer::as_entire_binding)),
+        });
+        let bytes = plan.steps.len().max(1) as u64 * BINDING_STRIDE;
+        let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
+        let geometry = gpu.buffer("geometry", bytes, usage)?;
+        let [frames, height, width] = plan.measurement.shape.extent();
+        let window = format!("{}-{frames}×{height}×{width}", plan.name);
+        Ok(Self { gpu, formats, buffers, calibration, common, geometry, window })
     }
 
     /// Compiles a step, as the options say.
     pub(super) fn record(
-        &mut self,
+        &self,
         index: usize,
         step: &Step,
         options: &Options<'_>,
@@ -90,99 +102,120 @@ impl<'a> Builder<'a> {
             (None, Some(tuning)) if step.flop() >= WORTH_TUNING => self.tune(index, step, tuning)?,
             (variant, _) => variant,
         };
-        let mut call = self.call(step, variant)?;
+        let mut dispatch = self.dispatch(step, variant)?;
         if let Some(edit) = options.edit {
-            call.text = edit(step, &call.text);
+            dispatch.shader.text = edit(step, &dispatch.shader.text);
         }
-        self.bind(index, step, &call)
+        let name = format!("{index:02}-{}-{}", step.name, dispatch.kernel.name);
+        dump(&[&self.window, &name], &dispatch.shader);
+        self.bind(index, step, &dispatch)
     }
 
-    pub(super) fn call(&self, step: &Step, variant: Option<Variant>) -> Result<Call, GpuError> {
-        let target = Target { variant, ..self.target };
-        Call::new(step, self.formats, self.calibration, target)
+    pub(super) fn dispatch(&self, step: &Step, variant: Option<Variant>) -> Result<Dispatch, GpuError> {
+        Dispatch::new(step, self.formats, self.calibration, self.gpu.abilities(), variant)
     }
 
-    /// Compiles a call and binds its buffers.
-    pub(super) fn bind(&mut self, index: usize, step: &Step, call: &Call) -> Result<Recorded, GpuError> {
-        let device = &self.gpu.device;
-        let (layout, pipeline_layout) =
-            self.layouts.entry(call.shader.name).or_insert_with(|| layouts(device, call));
-        if !self.pipelines.contains_key(&call.text) {
-            let pipeline = self.gpu.pipeline(&step.name, &call.text, pipeline_layout)?;
-            self.pipelines.insert(call.text.clone(), pipeline);
-        }
+    /// Compiles a dispatch and binds its buffers.
+    pub(super) fn bind(&self, index: usize, step: &Step, dispatch: &Dispatch) -> Result<Recorded, GpuError> {
+        let gpu = self.gpu;
+        let Dispatch { kernel, shader, .. } = dispatch;
+        let pipeline = gpu.pipeline(&step.name, &shader.text, |device| layouts(device, kernel))?;
         let name = |what: &str| format!("{what} of '{}'", step.name);
-        let stored = |terms: &Terms| self.gpu.storage(&name("terms"), &terms.in_units(1.0, 1.0));
-        let terms = call.terms.as_ref().map(|terms| Ok::<_, GpuError>((terms.clone(), stored(terms)?)));
+        let stored = |terms: &Terms| gpu.storage(&name("terms"), &terms.in_units(1.0, 1.0));
+        let terms = dispatch.terms.as_ref().map(|terms| Ok::<_, GpuError>((terms.clone(), stored(terms)?)));
         let terms = terms.transpose()?;
-        let resources = call.shader.resources.iter().map(|resource| {
+        let owned = |resource: &Resource| {
             Ok(match resource {
-                Resource::Weights => self.gpu.storage(&name("weights"), &call.weights)?,
+                Resource::Weights => gpu.storage(&name("weights"), &dispatch.weights)?,
                 Resource::Terms => terms.as_ref().expect("convolutions have terms").1.clone(),
-                Resource::Overflow => self.overflow.clone(),
+                Resource::Overflow => self.buffers.overflow.clone(),
                 Resource::RenderedExposures => {
-                    self.gpu.storage(&name("exposures"), &call.rendered_exposures)?
+                    gpu.storage(&name("exposures"), &dispatch.rendered_exposures)?
                 }
-                Resource::InverseResponse => self.inverse_response.clone(),
-                Resource::Exposures => self.exposures.clone(),
-                Resource::Schedule => self.schedule.clone(),
             })
-        });
-        let resources = resources.collect::<Result<Vec<_>, GpuError>>()?;
-        let slots = call.inputs.iter().chain([&step.output]).map(|view| &self.slots[view.slot]);
-        let report = wgpu::BufferBinding {
-            buffer: self.overflow,
-            offset: index as u64 * OVERFLOW_STRIDE,
-            size: NonZero::new(4),
         };
-        let resources =
-            resources.iter().zip(call.shader.resources).map(|(buffer, resource)| match resource {
-                Resource::Overflow => wgpu::BindingResource::Buffer(report.clone()),
-                _ => buffer.as_entire_binding(),
-            });
-        let entries: Vec<_> = slots
-            .map(wgpu::Buffer::as_entire_binding)
-            .chain(resources)
-            .enumerate()
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding: binding as u32, resource })
-            .collect();
-        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(&step.name),
-            layout,
-            entries: &entries,
+        let owned = kernel.resources.iter().map(owned).collect::<Result<Vec<_>, GpuError>>()?;
+        let of_step = |buffer, bytes: usize| {
+            let (offset, size) = (index as u64 * BINDING_STRIDE, NonZero::new(bytes as u64));
+            BindingResource::Buffer(BufferBinding { buffer, offset, size })
+        };
+        let resources = kernel.resources.iter().zip(&owned).map(|(resource, buffer)| match resource {
+            Resource::Overflow => of_step(buffer, size_of::<f32>()),
+            _ => buffer.as_entire_binding(),
         });
-        let pipeline = self.pipelines[&call.text].clone();
-        Ok(Recorded { pipeline, bind_group, workgroups: call.workgroups, terms })
+        let slots = dispatch.inputs.iter().chain([&step.output]);
+        let slots = slots.map(|view| self.buffers.slots[view.slot].as_entire_binding());
+        let bindings = [self.geometry(index, shader, of_step)].into_iter().chain(slots).chain(resources);
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(&step.name),
+            layout: &pipeline.get_bind_group_layout(1),
+            entries: &entries(bindings),
+        });
+        Ok(Recorded {
+            pipeline,
+            groups: [self.common.clone(), group],
+            workgroups: dispatch.workgroups,
+            terms,
+        })
+    }
+
+    /// Uploads the geometry of a step.
+    fn geometry<'b>(
+        &'b self,
+        index: usize,
+        shader: &Shader,
+        of_step: impl Fn(&'b wgpu::Buffer, usize) -> BindingResource<'b>,
+    ) -> BindingResource<'b> {
+        let values = shader.uniform();
+        let bytes: &[u8] = bytemuck::cast_slice(&values);
+        assert!(bytes.len() as u64 <= BINDING_STRIDE, "a geometry of {} values is too large", values.len());
+        self.gpu.queue.write_buffer(&self.geometry, index as u64 * BINDING_STRIDE, bytes);
+        of_step(&self.geometry, bytes.len())
     }
 }
 
-/// Layouts of a shader's bindings: inputs, output, resources.
-fn layouts(device: &wgpu::Device, call: &Call) -> (wgpu::BindGroupLayout, wgpu::PipelineLayout) {
-    let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
-    let inputs = call.inputs.iter().map(|_| storage(true));
-    let resources = call.shader.resources.iter().map(|resource| match resource {
-        Resource::Schedule => wgpu::BufferBindingType::Uniform,
-        Resource::Overflow => storage(false),
-        _ => storage(true),
+/// Bindings in order.
+fn entries<'a>(resources: impl IntoIterator<Item = BindingResource<'a>>) -> Vec<BindGroupEntry<'a>> {
+    (0..).zip(resources).map(|(binding, resource)| BindGroupEntry { binding, resource }).collect()
+}
+
+/// A layout of buffers in order.
+fn layout(
+    device: &wgpu::Device,
+    label: &str,
+    types: impl IntoIterator<Item = BufferBindingType>,
+) -> wgpu::BindGroupLayout {
+    let entry = |(binding, ty)| BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    };
+    let entries: Vec<_> = (0..).zip(types).map(entry).collect();
+    device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}
+
+const READ: BufferBindingType = BufferBindingType::Storage { read_only: true };
+const WRITTEN: BufferBindingType = BufferBindingType::Storage { read_only: false };
+
+/// Group 0: `common/calibration.wgsl`.
+fn common_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    layout(device, "calibration", [READ, READ, BufferBindingType::Uniform])
+}
+
+/// Layout of all bindings of a kernel: what all of them share; then geometry, inputs, output, resources.
+fn layouts(device: &wgpu::Device, kernel: &KernelShader) -> wgpu::PipelineLayout {
+    let inputs = kernel.inputs.iter().map(|_| READ);
+    let resources = kernel.resources.iter().map(|resource| match resource {
+        Resource::Overflow => WRITTEN,
+        _ => READ,
     });
-    let entries: Vec<_> = inputs
-        .chain([storage(false)])
-        .chain(resources)
-        .enumerate()
-        .map(|(binding, ty)| wgpu::BindGroupLayoutEntry {
-            binding: binding as u32,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-            count: None,
-        })
-        .collect();
-    let label = Some(call.shader.name);
-    let layout =
-        device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
-    let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label,
-        bind_group_layouts: &[Some(&layout)],
+    let types = [BufferBindingType::Uniform].into_iter().chain(inputs).chain([WRITTEN]).chain(resources);
+    let groups = [common_layout(device), layout(device, kernel.name, types)];
+    device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(kernel.name),
+        bind_group_layouts: &groups.each_ref().map(Some),
         immediate_size: 0,
-    });
-    (layout, pipeline_layout)
+    })
 }

@@ -1,0 +1,251 @@
+//! A step of a plan as what a GPU is given: a shader with its values, what it is bound to, and how often it runs.
+
+use super::GpuError;
+use super::shader::table::{self, KernelShader};
+use super::shader::{Parameters, Shader, Value, specialise};
+use super::storage::{Format, Formats, LARGEST_F16};
+use super::variant::{Abilities, Extent, Variant};
+use super::weights::{Packing, Terms, pack, stored, weight_units};
+use crate::network::{Activation, Channel, ConvolutionStep, Direction, Feature, Kernel, Step, View};
+use crate::sensor::Calibration;
+
+/// Invocations of a workgroup.
+pub(super) const WORKGROUP_SIZE: usize = 64;
+
+/// A step, ready to be compiled and recorded.
+#[derive(Clone, Debug)]
+pub(super) struct Dispatch {
+    /// What is bound, in which order.
+    pub kernel: &'static KernelShader,
+    /// The specialised shader.
+    pub shader: Shader,
+    /// The inputs to bind: as many as the kernel has.
+    pub inputs: Vec<View>,
+    /// Workgroups along x and y.
+    pub workgroups: [u32; 2],
+    /// Size of a convolution.
+    pub extent: Option<Extent>,
+    /// Contents of those resources that belong to the step.
+    pub weights: Vec<u8>,
+    pub terms: Option<Terms>,
+    pub rendered_exposures: Vec<f32>,
+}
+
+impl Dispatch {
+    /// Specialises the shader of `step`, whose tensors are stored in `formats`; `variant` says how a convolution is divided,
+    /// if that is not to be chosen by its size.
+    pub fn new(
+        step: &Step,
+        formats: &Formats,
+        calibration: &Calibration,
+        abilities: Abilities,
+        variant: Option<Variant>,
+    ) -> Result<Self, GpuError> {
+        let kernel = table::kernel(step.kernel.name());
+        let mut inputs = step.inputs.clone();
+        inputs.resize(kernel.inputs.len(), inputs[0]);
+        let output_format = formats.of(&step.output);
+        let convolution = step.kernel.convolution().is_some();
+        assert!(convolution || output_format == Format::F32, "only convolutions write f16");
+        let mut parameters = Parameters::default();
+        set_calibration(&mut parameters, calibration);
+        for (name, view) in kernel.inputs.iter().zip(&inputs).chain([(&"output", &step.output)]) {
+            set_view(&mut parameters, name, view, formats.of(view), formats.slot_bytes[view.slot])?;
+        }
+        parameters.set("first_frame", step.first_frame);
+
+        let output = step.output.shape;
+        let output_vectors = output.c.div_ceil(4);
+        let (mut division, mut weights, mut terms) = (None, Vec::new(), None);
+        let mut rendered_exposures = Vec::new();
+        let invocations = match &step.kernel {
+            Kernel::BoxEstimate | Kernel::LogIrradiance | Kernel::Fuse => output.pixels(),
+            Kernel::Features { channels, block, lead } => {
+                parameters.set_axes("block", *block);
+                parameters.set("lead", *lead);
+                parameters.set("logs_given", step.inputs.len() > 2);
+                set_features(&mut parameters, channels);
+                output.pixels() * output_vectors
+            }
+            Kernel::Convolution(conv) => {
+                let Division { variant, extent } =
+                    *division.insert(Division::new(step, conv, abilities, variant));
+                set_convolution(&mut parameters, conv, step.inputs.len() > 1);
+                let [input, added] = [&inputs[0], &inputs[1]].map(|view| formats.of(view));
+                let read = [("input", input), ("added", added), ("weights", formats.weights)];
+                set_formats(&mut parameters, read, output_format, variant.wide);
+                let packing = set_division(&mut parameters, conv, variant, extent);
+                let units = weight_units(conv, formats.weights);
+                weights = stored(&pack(conv, packing, &units), formats.weights);
+                terms = Some(Terms::new(conv, packing, &units));
+                variant.teams(extent) * variant.lanes
+            }
+            Kernel::InverseResponse { exposures } => {
+                rendered_exposures.clone_from(exposures);
+                output.pixels() * output_vectors
+            }
+            Kernel::Blend { block, taps, origin: [t, y] } => {
+                parameters.set_axes("block", *block);
+                parameters.set("origin_t", *t);
+                parameters.set("origin_y", *y);
+                parameters.set("taps", taps.len());
+                for (axis, name) in ["tap_t", "tap_y", "tap_x"].into_iter().enumerate() {
+                    parameters.set(name, Value::array("i32", taps.iter().map(|tap| tap[axis])));
+                }
+                output.pixels()
+            }
+        };
+        checked(&step.name, invocations)?;
+        let workgroups = fold(invocations.div_ceil(WORKGROUP_SIZE), abilities.max_workgroups);
+        parameters.set("workgroup_size", WORKGROUP_SIZE);
+        parameters.set("invocations", invocations);
+        let shader = specialise(kernel.source(), &parameters);
+        let extent = division.map(|division| division.extent);
+        Ok(Self { kernel, shader, inputs, workgroups, extent, weights, terms, rendered_exposures })
+    }
+}
+
+/// How a convolution is divided among invocations.
+#[derive(Clone, Copy)]
+struct Division {
+    variant: Variant,
+    extent: Extent,
+}
+
+impl Division {
+    /// By `variant`, or as its size suggests.
+    fn new(step: &Step, conv: &ConvolutionStep, abilities: Abilities, variant: Option<Variant>) -> Self {
+        let output = step.output.shape;
+        // The pixels that blocks lie in: of a transposed convolution those of its input, for each phase.
+        let (shape, phases) = match conv.direction {
+            Direction::Forward => (output, 1),
+            Direction::Transposed => (step.inputs[0].shape, conv.stride.iter().product()),
+        };
+        let extent =
+            Extent { frames: phases * shape.t, frame: shape.y * shape.x, vectors: output.c.div_ceil(4) };
+        let variant =
+            variant.map_or_else(|| Variant::choose(extent, abilities), |variant| variant.fit(extent));
+        Self { variant, extent }
+    }
+}
+
+/// Shaders count in i32.
+fn checked(what: &str, count: usize) -> Result<(), GpuError> {
+    let limit = i32::MAX as u64;
+    if count as u64 > limit {
+        return Err(GpuError::TooLarge { what: format!("{what} in values"), bytes: count as u64, limit });
+    }
+    Ok(())
+}
+
+/// Workgroups in two dimensions that are at least `count`.
+fn fold(count: usize, max: u32) -> [u32; 2] {
+    let rows = count.div_ceil(max as usize).max(1);
+    [count.div_ceil(rows) as u32, rows as u32]
+}
+
+/// The file that says how vectors of four channels are stored, and whether they are read 64 bits at a time.
+fn file(format: Format, wide: bool) -> &'static str {
+    match (format, wide) {
+        (Format::F32, false) => "common/stored_f32.wgsl",
+        (Format::F32, true) => "common/stored_f32_wide.wgsl",
+        (Format::F16, false) => "common/stored_f16.wgsl",
+        (Format::F16, true) => "common/stored_f16_wide.wgsl",
+    }
+}
+
+fn set_calibration(parameters: &mut Parameters, calibration: &Calibration) {
+    parameters.set("inverse_response_intervals", calibration.inverse_response.len() - 1);
+    parameters.set("pattern_period", calibration.period);
+    parameters.set("pattern_rows", calibration.rows);
+    parameters.set("pattern_cols", calibration.cols);
+}
+
+/// Extents and place of a tensor. Feature tensors are bound as vectors of four channels and counted in them, tensors of
+/// one value a pixel as single values.
+fn set_view(
+    parameters: &mut Parameters,
+    name: &str,
+    view: &View,
+    format: Format,
+    slot_bytes: usize,
+) -> Result<(), GpuError> {
+    checked(name, slot_bytes / format.bytes())?;
+    let unit = if view.stride == 1 { 1 } else { 4 };
+    debug_assert!(view.offset.is_multiple_of(unit) && view.stride.is_multiple_of(unit), "{view:?}");
+    parameters.set_axes(name, view.shape.extent());
+    let mut set = |what: &str, value: usize| parameters.set(&format!("{name}_{what}"), value);
+    set("c", view.shape.c);
+    set("vectors", view.shape.c.div_ceil(4));
+    set("offset", view.offset / unit);
+    set("stride", view.stride / unit);
+    set("zeros", slot_bytes / (unit * format.bytes()));
+    Ok(())
+}
+
+/// The channels of a pixel: which feature each is, and how many frames later.
+fn set_features(parameters: &mut Parameters, channels: &[Channel]) {
+    // As features.wgsl has them.
+    let code = |feature| match feature {
+        Feature::Measurement => 0,
+        Feature::LogIrradiance => 1,
+        Feature::LogEstimate => 2,
+        Feature::Saturated => 3,
+        Feature::LogExposure => 4,
+    };
+    parameters.set("channels", channels.len());
+    parameters.set("features", Value::array("i32", channels.iter().map(|channel| code(channel.feature))));
+    parameters.set("frame_offsets", Value::array("i32", channels.iter().map(|channel| channel.offset)));
+}
+
+fn set_convolution(parameters: &mut Parameters, conv: &ConvolutionStep, add: bool) {
+    parameters.set_axes("kernel", conv.kernel);
+    parameters.set_axes("stride", conv.stride);
+    parameters.set_axes("padding", conv.padding);
+    parameters.set("norm", conv.layer.norm.is_some());
+    parameters.set("add", add);
+    // As activation.wgsl has them.
+    let (activation, parameter) = match conv.activation {
+        Activation::None => (0, 0.0),
+        Activation::LeakyRelu(slope) => (1, slope),
+        Activation::Sigmoid => (2, 0.0),
+        Activation::Softplus(floor) => (3, floor),
+    };
+    parameters.set("activation", activation);
+    parameters.set("activation_parameter", parameter);
+}
+
+/// How the layer is divided, and so how its weights are packed.
+fn set_division(
+    parameters: &mut Parameters,
+    conv: &ConvolutionStep,
+    variant: Variant,
+    extent: Extent,
+) -> Packing {
+    let groups = variant.groups(extent);
+    let packing = Packing { groups, vectors: variant.vectors, lanes: variant.lanes };
+    parameters.set("pixels", variant.pixels);
+    parameters.set("vectors", variant.vectors);
+    parameters.set("lanes", variant.lanes);
+    parameters.set("team", variant.lanes > 1);
+    parameters.set("loads", variant.loads());
+    parameters.set("groups", groups);
+    parameters.set("blocks", variant.blocks(extent));
+    parameters.set("frame", extent.frame);
+    parameters.set("tap_weights", packing.tap(conv.in_channels));
+    parameters.set("term_vectors", packing.out_vectors());
+    packing
+}
+
+/// How a convolution's tensors are stored: those that are read, and the one that is written.
+fn set_formats(parameters: &mut Parameters, read: [(&str, Format); 3], output: Format, wide: bool) {
+    for (name, format) in read {
+        parameters.include(name, file(format, wide));
+    }
+    parameters.include("output", file(output, false));
+    parameters.set("limited", output == Format::F16);
+    parameters.set("limit", LARGEST_F16);
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,13 @@
+//! Shaders as text: the files, the template language that they are written in, and the values that they are given.
+
+mod dump;
+mod parameters;
+pub mod table;
+mod template;
+#[cfg(test)]
+pub(super) mod validation;
+
+pub use dump::dump;
+pub use parameters::{Parameters, Value};
+pub use table::Source;
+pub use template::{Shader, as_it_stands, specialise};
