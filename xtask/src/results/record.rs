@@ -195,6 +195,63 @@ fn day(mut days: u64) -> String {
 mod tests {
     use super::*;
 
+    /// A repository with one commit, and a program in it that prints figures.
+    #[cfg(unix)]
+    fn repository() -> (PathBuf, PathBuf) {
+        use std::os::unix::fs::PermissionsExt;
+        let root = std::env::temp_dir().join(format!("pix2hdr-xtask-record-{}", std::process::id()));
+        fs::create_dir_all(root.join(FOLDER)).unwrap();
+        let program = root.join("program");
+        fs::write(&program, "#!/bin/sh\necho \"{\\\"arguments\\\": \\\"$*\\\", \\\"noise\\\": 1}\"\n")
+            .unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        fs::write(root.join("code"), "1").unwrap();
+        git(&root, &["init", "--quiet"]).unwrap();
+        commit(&root);
+        (root, program)
+    }
+
+    #[cfg(unix)]
+    fn commit(root: &Path) {
+        git(root, &["add", "--all"]).unwrap();
+        let who = ["-c", "user.name=test", "-c", "user.email=test@localhost"];
+        git(root, &[&who[..], &["commit", "--quiet", "--message", "test"]].concat()).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_record_says_what_was_measured_and_when_that_changed() {
+        let (root, program) = repository();
+        let path = record(&root, &program, "it", &["suite".into(), "--frames".into(), "9".into()]).unwrap();
+        let mut made = read(&path).unwrap();
+        assert_eq!(made.command, "pix2hdr suite --frames 9");
+        assert_eq!(made.commits, [git(&root, &["rev-parse", "--short", "HEAD"]).unwrap()]);
+        assert_eq!(made.figures, serde_json::json!({"arguments": "suite --frames 9 --json", "noise": 1}));
+
+        // What people wrote stays when it is measured again.
+        made.what = "figures".into();
+        made.keeps = vec!["arguments".into()];
+        made.measures = vec!["code".into()];
+        made.transcribed = true;
+        fs::write(&path, serde_json::to_string(&made).unwrap()).unwrap();
+        record(&root, &program, "it", &["bench".into()]).unwrap();
+        let made = read(&path).unwrap();
+        assert_eq!((made.what.as_str(), made.transcribed), ("figures", false));
+        assert_eq!(made.figures, serde_json::json!({"arguments": "bench --json"}));
+        commit(&root);
+        assert_eq!(outdated(&root, &made), None);
+
+        fs::write(root.join("code"), "2").unwrap();
+        assert!(
+            record(&root, &program, "it", &["bench".into()]).unwrap_err().contains("commit your changes")
+        );
+        commit(&root);
+        assert!(outdated(&root, &made).unwrap().starts_with("what it measures changed in 1 commits since"));
+        let elsewhere = Record { commits: vec!["0123456".into()], ..made };
+        assert!(outdated(&root, &elsewhere).unwrap().contains("not in this checkout"));
+        fs::remove_dir_all(root).unwrap();
+    }
+
     #[test]
     fn keys_that_are_named_are_kept() {
         let figures = serde_json::json!({"a": 1, "b": 2});
