@@ -52,6 +52,7 @@ pub fn same_bits(root: &Path, arguments: impl Iterator<Item = String>) -> Result
     if work.exists() {
         fs::remove_dir_all(&work).map_err(|e| format!("{}: {e}", work.display()))?;
     }
+    make_cache(&work)?;
     let inputs = inputs(&old, &work, &recordings)?;
     let cases = cases::all(&inputs, quick);
     let (mut differ, mut on_gpu, mut differ_on_gpu) = (0, 0, 0);
@@ -79,6 +80,17 @@ pub fn same_bits(root: &Path, arguments: impl Iterator<Item = String>) -> Result
     if differ == 0 { Ok(()) } else { Err(format!("what differs is in {}", work.display())) }
 }
 
+/// Where drivers keep compiled shaders, for both programs.
+const CACHE: &str = "cache";
+
+/// Makes the cache folder. Where the program would keep which kernels are fastest stands a file: then it measures nothing,
+/// and always runs the same ones.
+fn make_cache(work: &Path) -> Result<()> {
+    let folder = work.join(CACHE);
+    fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    fs::write(folder.join("pix2hdr"), []).map_err(|e| format!("{}: {e}", folder.display()))
+}
+
 /// The program of this tree.
 fn build(root: &Path) -> Result<PathBuf> {
     run(cargo().args(["build", "--release", "--package", "pix2hdr", "--bin", "pix2hdr"]).current_dir(root))?;
@@ -91,7 +103,7 @@ fn inputs(old: &Path, work: &Path, recordings: &[PathBuf]) -> Result<Inputs> {
     fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     cases::write_dead_pixels(&folder).map_err(|e| e.to_string())?;
     for arguments in Inputs::commands(recordings.is_empty()) {
-        execute(old, &arguments, None, &folder)?;
+        execute(old, &arguments, None, [work, &folder])?;
     }
     let mut names = Vec::new();
     for path in recordings {
@@ -114,7 +126,7 @@ fn compare(case: &Case, old: &Path, new: &Path, work: &Path) -> Result<Vec<Strin
     let folders = ["old", "new"].map(|which| work.join(which).join(case.name.replace(' ', "_")));
     for (program, folder) in [old, new].into_iter().zip(&folders) {
         fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-        match execute(program, &case.arguments, case.threads, folder) {
+        match execute(program, &case.arguments, case.threads, [work, folder]) {
             Ok(printed) => fs::write(folder.join("printed.json"), printed).map_err(|e| e.to_string())?,
             Err(problem) if program == new && program != old => return Ok(vec![problem]),
             // Two programs that fail alike would be the same.
@@ -130,13 +142,16 @@ fn compare(case: &Case, old: &Path, new: &Path, work: &Path) -> Result<Vec<Strin
     Ok(found)
 }
 
-/// Runs a program in a folder; returns what it prints. Kernels are not measured, so that the same ones run: there is no
-/// cache folder to keep the outcome in.
-fn execute(program: &Path, arguments: &[String], threads: Option<usize>, folder: &Path) -> Result<Vec<u8>> {
-    let no_folder = std::env::current_exe().map_err(|e| e.to_string())?;
+/// Runs a program in a folder below `work`; returns what it prints.
+fn execute(
+    program: &Path,
+    arguments: &[String],
+    threads: Option<usize>,
+    [work, folder]: [&Path; 2],
+) -> Result<Vec<u8>> {
     let mut command = Command::new(program);
     command.args(arguments).arg("--json").current_dir(folder);
-    command.env("XDG_CACHE_HOME", no_folder).env_remove("RAYON_NUM_THREADS");
+    command.env("XDG_CACHE_HOME", work.join(CACHE)).env_remove("RAYON_NUM_THREADS");
     if let Some(threads) = threads {
         command.env("RAYON_NUM_THREADS", threads.to_string());
     }
