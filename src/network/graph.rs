@@ -113,6 +113,14 @@ impl Graph {
         Ok(largest)
     }
 
+    /// Whether a window may give any number of result frames without changing them: it has the net's reach in time before
+    /// and behind.
+    pub fn stretches(&self) -> Result<bool, NetworkError> {
+        let Window { frames, lead, hop } = self.window;
+        let [reach, ..] = self.reach()?;
+        Ok(lead >= reach && frames - hop - lead >= reach)
+    }
+
     /// Pixels beyond its own that the output depends on, to each side along t, y, x: the halo that a tile needs
     /// to give the same result as the whole.
     pub fn reach(&self) -> Result<[usize; 3], NetworkError> {

@@ -8,7 +8,7 @@ use super::tiles::{Grid, Limits};
 use crate::Result;
 use crate::frame::Extent;
 use crate::math::lcm;
-use crate::network::{Graph, Model, NetworkError, Plan, Window};
+use crate::network::{Graph, Model, NetworkError, Plan};
 use crate::sensor::Calibration;
 
 /// Where windows follow each other, long ones save nothing but their own beginnings and ends. So they take about as many
@@ -29,15 +29,13 @@ pub struct Lengths {
     pub streams: bool,
 }
 
-/// Nets whose window has their reach in time before and behind give the same frames for any number of result frames.
-/// Then a window is cut into slabs that repeat with the pattern, and some of them can be left out.
+/// A window that may give any number of result frames ([`Graph::stretches`]) is cut into slabs that repeat with the
+/// pattern, and some of them can be left out.
 pub fn lengths(graph: &Graph, calibration: &Calibration, settings: &Settings) -> Result<Lengths> {
-    let Window { frames, lead, hop } = graph.window;
-    let [reach, ..] = graph.reach()?;
+    let hop = graph.window.hop;
     let [granularity, ..] = graph.granularity()?;
-    let stretches = lead >= reach && frames - hop - lead >= reach;
     let wanted = settings.hop.unwrap_or(hop);
-    if !stretches {
+    if !graph.stretches()? {
         if wanted != hop {
             let problem = format!("its windows give {hop} frames, and cannot give {wanted}");
             return Err(NetworkError::Graph(graph.name.clone(), problem).into());

@@ -12,8 +12,8 @@ use serde_json::json;
 
 use crate::clock::RATE_RANGE;
 use crate::engine::Dials;
-use crate::source::{Opening, Request};
-use crate::state::Settings;
+use crate::settings::Settings;
+use crate::source::{Opening, SourceName};
 use crate::{Start, WindowDevice};
 
 /// Shows synthesis live in a window: mosaic, box filter, result and truth, playing
@@ -121,7 +121,7 @@ impl Arguments {
         let pix2hdr::synth::Settings { weights, executor, adapter, precision, skip, tile, hop, ensemble } =
             self.engine.settings();
         let start = Start {
-            request: Request::parse(&self.source),
+            source: SourceName::parse(&self.source),
             opening: Opening {
                 sampler: self.camera.sampler()?,
                 extent: [self.height, self.width],

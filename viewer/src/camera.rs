@@ -12,16 +12,14 @@ use crate::clock::CameraClock;
 use pix2hdr::frame::Frame;
 use pix2hdr::scene::{Rendering, Scene, render};
 use pix2hdr::sensor::{Recording, Sampler, Source, Timing};
+use pix2hdr::synth::live::DropPolicy;
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
 
 /// Frames that are exposed before they are delivered together; a multiple of every built-in pattern's period.
 pub const BLOCK: usize = 32;
-/// Frames, besides a quarter of a second, that a camera keeps before it drops the oldest: what a run begins with, and as
-/// many again.
-const KEPT: f64 = 2.0 * HEAD_START as f64;
-/// Frames that a camera has exposed when a run begins, so that a window can be computed at once.
-pub const HEAD_START: usize = 2 * BLOCK;
+/// When a camera drops frames.
+pub const POLICY: DropPolicy = DropPolicy { block: BLOCK };
 /// Instants of motion blur per frame.
 const INSTANTS: usize = 2;
 /// Frames, and their distance, that the anchor is taken from.
@@ -101,11 +99,6 @@ impl LiveCamera {
         recording.info.anchor = Some(f64::from(self.anchor));
         Ok(recording)
     }
-
-    /// Where a run begins when `exposed` frames are exposed.
-    pub fn beginning(exposed: f64) -> usize {
-        (exposed.max(0.0) as usize).saturating_sub(HEAD_START) / BLOCK * BLOCK
-    }
 }
 
 /// What a run of a live camera shares with the outside.
@@ -161,16 +154,16 @@ impl<'a> LiveRun<'a> {
     /// Waits until the next block is exposed; `false` if the run ends.
     fn wait(&self) -> bool {
         let Shared { clock, stop, .. } = &self.shared;
-        let end = (self.next + BLOCK) as f64;
+        let end = self.next + BLOCK;
         loop {
             if stop.load(Ordering::Relaxed) {
                 return false;
             }
             let exposed = clock.exposed(Instant::now());
-            if exposed > end + KEPT + 0.25 * clock.rate() {
+            if POLICY.is_too_late(end, exposed, clock.rate()) {
                 return false;
             }
-            if exposed >= end {
+            if exposed >= end as f64 {
                 return true;
             }
             std::thread::sleep(TICK);
@@ -277,7 +270,7 @@ mod tests {
     fn a_camera_that_nobody_keeps_up_with_ends_its_run() {
         let (camera, pool) = (camera(), pool());
         let shared = shared(&pool);
-        shared.clock.set(BLOCK as f64 + KEPT + 1.0, Instant::now());
+        shared.clock.set(BLOCK as f64 + POLICY.kept(0.0) + 1.0, Instant::now());
         let mut run = LiveRun::new(&camera, 0, shared.clone(), |_, _, _| ()).unwrap();
         assert!(run.next().unwrap().is_none());
         shared.clock.set(0.0, Instant::now());

@@ -2,8 +2,8 @@
 
 use eframe::egui::{Key, Modifiers};
 
+use crate::action::Action;
 use crate::picture::Picture;
-use crate::state::Action;
 
 /// A key and what it does.
 #[derive(Clone, Debug)]

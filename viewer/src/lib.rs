@@ -7,25 +7,37 @@
 //! `app`, `panes`, `panels` and `keys` draw this with egui, and add nothing to it but the drawing; `screen` draws the
 //! pictures, on the GPU. [`Arguments`] is the command line.
 
+pub mod action;
 mod app;
 mod arguments;
 pub mod camera;
+pub mod choices;
 pub mod clock;
+mod effects;
 pub mod engine;
 pub mod export;
 pub mod frame;
 pub mod histogram;
 pub mod keys;
+mod lock;
+mod message;
+mod pace;
 mod panels;
 mod panes;
 pub mod picture;
 pub mod place;
 mod screen;
 pub mod series;
+pub mod settings;
 pub mod source;
+mod start;
 pub mod state;
 pub mod store;
 pub mod tone;
+mod window;
 
-pub use app::{Pace, Start, Viewer, WindowDevice, run};
+pub use app::Viewer;
 pub use arguments::Arguments;
+pub use pace::Pace;
+pub use start::{Start, WindowDevice};
+pub use window::run;

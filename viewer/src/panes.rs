@@ -8,13 +8,14 @@ use eframe::egui::{
 };
 use eframe::egui_wgpu::Callback;
 
+use crate::action::Action;
 use crate::app::Viewer;
 use crate::engine::Phase;
 use crate::frame::Frame;
 use crate::picture::Picture;
 use crate::place::{Part, Placement};
 use crate::screen::{Painting, Shown};
-use crate::state::{Action, Arrangement, Settings};
+use crate::settings::{Arrangement, Settings};
 
 /// Points per pixel from which values are written into pixels.
 const VALUES_FROM: f32 = 44.0;

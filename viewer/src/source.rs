@@ -1,5 +1,6 @@
 //! What is looked at: a scene, a panorama, a capture or a video, and what each of them is opened as.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -16,24 +17,25 @@ const PASSAGE: usize = 512;
 
 /// What the user wants to see.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Request {
+pub enum SourceName {
     /// The name of a built-in scene.
     Scene(String),
     /// A file or folder: a capture, a video, or a panorama.
     Path(PathBuf),
 }
 
-impl Request {
-    /// A request as a user writes it: the name of a built-in scene, or else a path.
+impl SourceName {
+    /// A source as a user writes it: the name of a built-in scene, or else a path.
     pub fn parse(text: &str) -> Self {
         if procedural::NAMES.contains(&text) { Self::Scene(text.to_owned()) } else { Self::Path(text.into()) }
     }
+}
 
-    /// The request in words.
-    pub fn name(&self) -> String {
+impl fmt::Display for SourceName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Scene(name) => name.clone(),
-            Self::Path(path) => path.display().to_string(),
+            Self::Scene(name) => f.write_str(name),
+            Self::Path(path) => path.display().fmt(f),
         }
     }
 }
@@ -58,7 +60,7 @@ pub struct Opening {
 }
 
 /// An open source.
-pub enum Source {
+pub enum Opened {
     /// A simulated camera.
     Live(LiveCamera),
     /// A capture on disk, with its ground truth if there is one.
@@ -78,23 +80,23 @@ pub enum Source {
     Plain(Arc<Video>),
 }
 
-impl Source {
+impl Opened {
     /// Opens what is asked for.
-    pub fn open(request: &Request, how: &Opening) -> Result<Self> {
+    pub fn open(name: &SourceName, how: &Opening) -> Result<Self> {
         let [height, width] = how.extent;
         let live = |scene| LiveCamera::new(scene, how.sampler.clone(), how.extent, how.seed).map(Self::Live);
-        match request {
-            Request::Scene(name) => {
+        match name {
+            SourceName::Scene(name) => {
                 live(procedural::by_name(name, height, width, how.seed).ok_or_else(|| {
                     Error::Usage(format!("no scene '{name}'; there are {}", procedural::NAMES.join(", ")))
                 })?)
             }
-            Request::Path(path) if !path.exists() => Err(Error::Usage(format!(
+            SourceName::Path(path) if !path.exists() => Err(Error::Usage(format!(
                 "neither a file nor a built-in scene; scenes are {}",
                 procedural::NAMES.join(", ")
             )))
             .at(path),
-            Request::Path(path) if CaptureFile::is_at(path) => {
+            SourceName::Path(path) if CaptureFile::is_at(path) => {
                 let file = CaptureFile::open(path, &how.keys)?;
                 let [height, width] = [file.recording.height, file.recording.width];
                 let truth = how.truth.as_ref().map(|path| truth(path, [file.frames, height, width]));
@@ -105,7 +107,7 @@ impl Source {
                     truth: truth.transpose()?,
                 })
             }
-            Request::Path(path) => {
+            SourceName::Path(path) => {
                 let mut video = video::read(path)?;
                 if video.frames == 1 && video.width == 2 * video.height && !how.plain {
                     let panoramas = [Arc::new(Panorama::read(path)?)];

@@ -1,190 +1,13 @@
 //! What the interface is set to, and how each action changes it. No window is needed for any of this.
 
-use std::path::{Path, PathBuf};
-
-use serde::{Deserialize, Serialize};
-
+use crate::action::{Action, Effect};
+use crate::choices::{ALLOWED_ERRORS, EXECUTORS, PRECISIONS, next, skips};
 use crate::clock::{Clock, RATE_RANGE, Reach, Wish};
 use crate::engine::Dials;
-use crate::picture::Picture;
 use crate::place::Look;
-use crate::source::Request;
-use crate::tone::{Curve, Display};
-use pix2hdr::network::{Precision, presets};
-use pix2hdr::sensor::Pattern;
-use pix2hdr::synth::{self, Skip};
-use pix2hdr::system::settings_folder;
-use pix2hdr::video::atomic;
-use pix2hdr::{At, Result};
-
-/// How panes are arranged.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Arrangement {
-    /// One pane.
-    Single,
-    /// Two side by side.
-    Pair,
-    /// Two in one place, with a divider that can be dragged.
-    Divider,
-    /// Four side by side, or two by two.
-    #[default]
-    Four,
-}
-
-impl Arrangement {
-    /// All arrangements.
-    pub const ALL: [Self; 4] = [Self::Single, Self::Pair, Self::Divider, Self::Four];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Single => "one",
-            Self::Pair => "two",
-            Self::Divider => "A|B",
-            Self::Four => "four",
-        }
-    }
-
-    /// Number of pictures.
-    pub fn panes(self) -> usize {
-        match self {
-            Self::Single => 1,
-            Self::Pair | Self::Divider => 2,
-            Self::Four => 4,
-        }
-    }
-}
-
-/// Light or dark.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Theme {
-    /// As the system has it.
-    #[default]
-    System,
-    /// Dark.
-    Dark,
-    /// Light.
-    Light,
-}
-
-/// What is remembered from one start to the next.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-#[allow(clippy::struct_excessive_bools)] // Switches of an interface.
-pub struct Settings {
-    /// How panes are arranged.
-    pub arrangement: Arrangement,
-    /// What one pane shows.
-    pub single: Picture,
-    /// What two panes show.
-    pub pair: [Picture; 2],
-    /// What four panes show.
-    pub four: [Picture; 4],
-    /// Where the divider is, from 0 (left) to 1.
-    pub divider: f32,
-    /// How irradiance is shown.
-    pub display: Display,
-    /// Frames per second.
-    pub rate: f64,
-    /// Whether files begin again at their end.
-    pub looping: bool,
-    /// Whether computed cells are marked.
-    pub overlay: bool,
-    /// Whether the panel of dials is open.
-    pub dials: bool,
-    /// Whether the time series is open.
-    pub series: bool,
-    /// Light or dark.
-    pub theme: Theme,
-    /// Width and height of the window at a scale of 1, in points.
-    pub window: [f32; 2],
-    /// How much larger than usual everything is drawn.
-    pub scale: f32,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            arrangement: Arrangement::Four,
-            single: Picture::Ours,
-            pair: [Picture::Mosaic, Picture::Ours],
-            four: [Picture::Mosaic, Picture::Filtered, Picture::Ours, Picture::Truth],
-            divider: 0.5,
-            display: Display::default(),
-            rate: 30.0,
-            looping: true,
-            overlay: false,
-            dials: true,
-            series: false,
-            theme: Theme::System,
-            window: [1280.0, 800.0],
-            scale: 1.0,
-        }
-    }
-}
-
-impl Settings {
-    /// The settings in a file; the defaults if there is none, or none that can be understood.
-    pub fn read(path: &Path) -> Self {
-        let read = std::fs::read(path).ok();
-        let settings: Option<Self> = read.and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        settings.unwrap_or_default().within_bounds()
-    }
-
-    /// Where they are kept: the user's folder for configuration.
-    pub fn path() -> Option<PathBuf> {
-        settings_folder().map(|folder| folder.join("view.json"))
-    }
-
-    /// Writes them.
-    pub fn write(&self, path: &Path) -> Result<()> {
-        let text = serde_json::to_vec_pretty(self).at(path)?;
-        atomic::write_bytes(path, &text)
-    }
-
-    /// Files are edited by hand too.
-    fn within_bounds(mut self) -> Self {
-        let or = |value: f32, range: [f32; 2], default: f32| {
-            if value.is_finite() { value.clamp(range[0], range[1]) } else { default }
-        };
-        self.divider = or(self.divider, [0.0, 1.0], 0.5);
-        self.display.exposure = or(self.display.exposure, EXPOSURES, 0.0);
-        self.display.difference = or(self.display.difference, [0.001, 1.0], 0.1);
-        self.window = self.window.map(|side| or(side, WINDOW, 800.0));
-        self.scale = or(self.scale, SCALES, 1.0);
-        self.rate = if self.rate.is_finite() { self.rate.clamp(RATE_RANGE[0], RATE_RANGE[1]) } else { 30.0 };
-        self
-    }
-
-    /// What the panes show.
-    pub fn pictures(&self) -> &[Picture] {
-        match self.arrangement {
-            Arrangement::Single => std::slice::from_ref(&self.single),
-            Arrangement::Pair | Arrangement::Divider => &self.pair,
-            Arrangement::Four => &self.four,
-        }
-    }
-
-    fn pictures_mut(&mut self) -> &mut [Picture] {
-        match self.arrangement {
-            Arrangement::Single => std::slice::from_mut(&mut self.single),
-            Arrangement::Pair | Arrangement::Divider => &mut self.pair,
-            Arrangement::Four => &mut self.four,
-        }
-    }
-}
-
-/// Exposures in stops.
-pub const EXPOSURES: [f32; 2] = [-8.0, 16.0];
-
-/// Shortest and longest side of a window that is remembered, in points.
-pub const WINDOW: [f32; 2] = [150.0, 8192.0];
-
-/// How large everything can be drawn.
-pub const SCALES: [f32; 2] = [0.5, 4.0];
-
-/// Errors that bounded skipping may be allowed, in l.
-pub const ALLOWED_ERRORS: [f64; 2] = [0.0005, 0.05];
+use crate::settings::{Arrangement, EXPOSURES, Settings, Theme};
+use crate::tone::Curve;
+use pix2hdr::synth::Skip;
 
 /// Most pixels of which the time series is shown.
 pub const MOST_PICKS: usize = 4;
@@ -216,138 +39,6 @@ pub struct State {
     pub pointer: Option<[usize; 2]>,
 }
 
-/// What a user can do.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Action {
-    /// Starts or stops.
-    Play,
-    /// Stops, and moves by so many frames.
-    Step(i64),
-    /// Moves to a frame.
-    GoTo(usize),
-    /// To the first frame, or the oldest in memory.
-    First,
-    /// To the last frame, or the newest in memory.
-    Last,
-    /// Sets frames per second.
-    Rate(f64),
-    /// The next higher rate.
-    Faster,
-    /// The next lower rate.
-    Slower,
-    /// Switches looping.
-    Loop,
-    /// Sets the exposure.
-    Exposure(f32),
-    /// Changes the exposure by so many stops.
-    Expose(f32),
-    /// Chooses the tone curve.
-    Curve(Curve),
-    /// The next tone curve.
-    NextCurve,
-    /// Switches the clipping warning.
-    Clipping,
-    /// Switches dithering.
-    Dither,
-    /// Sets the range of difference pictures.
-    Difference(f32),
-    /// Arranges panes.
-    Arrange(Arrangement),
-    /// The next arrangement.
-    NextArrangement,
-    /// Shows a picture in a pane.
-    Show(usize, Picture),
-    /// Shows a picture in the chosen pane.
-    ShowHere(Picture),
-    /// Chooses the next pane.
-    NextPane,
-    /// Moves the divider to a place.
-    Divider(f32),
-    /// Moves the divider by so much.
-    MoveDivider(f32),
-    /// Fits pictures into their panes.
-    Fit,
-    /// One point per pixel.
-    Actual,
-    /// Zooms by a factor around a point of a pane, or its middle.
-    Zoom(f32, Option<[f32; 2]>),
-    /// Moves pictures by so many points.
-    Pan([f32; 2]),
-    /// Shows the time series of a pixel, or no longer.
-    Pick([usize; 2]),
-    /// The same for the pixel under the pointer, or else in the middle of the picture.
-    PickHere,
-    /// Forgets all pixels.
-    Unpick,
-    /// Switches the marks on computed cells.
-    Overlay,
-    /// Opens or closes the dials.
-    Dials,
-    /// Opens or closes the time series.
-    Series,
-    /// Opens or closes the list of keys.
-    Help,
-    /// The next theme.
-    NextTheme,
-    /// The range begins here.
-    RangeFrom,
-    /// The range ends here.
-    RangeTo,
-    /// The range is all of memory again.
-    NoRange,
-    /// Writes the frame as EXR.
-    SaveExr,
-    /// Writes the first pane as PNG.
-    SavePng,
-    /// Writes the range.
-    Record,
-    /// Copies the picked pixels' values, or else those of all panes under the pointer.
-    Copy,
-    /// Changes the engine.
-    Tune(Dials),
-    /// The next net.
-    NextNet,
-    /// The next executor.
-    NextExecutor,
-    /// The next precision.
-    NextPrecision,
-    /// The next mode of skipping.
-    NextSkip,
-    /// Multiplies the allowed error of bounded skipping.
-    AllowMore(f64),
-    /// Multiplies the range of difference pictures.
-    WidenDifference(f32),
-    /// Opens a source.
-    Open(Request),
-    /// Puts the cursor where a source is typed.
-    Type,
-    /// Ends the viewer.
-    Quit,
-}
-
-/// What an action asks of others.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Effect {
-    /// The engine: go on from this frame.
-    Seek(usize),
-    /// The engine: take these dials, go on from this frame.
-    Tune(Dials, usize),
-    /// The engine: open this.
-    Open(Request),
-    /// Put the cursor where a source is typed.
-    Type,
-    /// Write the frame as EXR.
-    SaveExr,
-    /// Write the first pane as PNG.
-    SavePng,
-    /// Write these frames.
-    Record([usize; 2]),
-    /// Put values on the clipboard.
-    Copy,
-    /// End.
-    Quit,
-}
-
 impl State {
     /// A state with these settings and dials.
     pub fn new(settings: Settings, dials: Dials) -> Self {
@@ -374,6 +65,7 @@ impl State {
     }
 
     /// Does what a user wants.
+    // Long because each action has its arm, and the compiler names those that are missing.
     pub fn apply(&mut self, action: Action, reach: Reach) -> Option<Effect> {
         let settings = &mut self.settings;
         match action {
@@ -522,13 +214,13 @@ impl State {
                     return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
                 }
             }
-            Action::Open(request) => {
+            Action::Open(source) => {
                 let Clock { rate, looping, .. } = self.clock;
                 self.clock = Clock { rate, looping, ..Clock::default() };
                 self.look = Look::default();
                 self.picks.clear();
                 self.range = [None; 2];
-                return Some(Effect::Open(request));
+                return Some(Effect::Open(source));
             }
             Action::Type => return Some(Effect::Type),
             Action::Quit => return Some(Effect::Quit),
@@ -553,46 +245,14 @@ fn seek(wish: Wish) -> Option<Effect> {
     }
 }
 
-/// All executors.
-pub const EXECUTORS: [synth::ExecutorChoice; 3] =
-    [synth::ExecutorChoice::Auto, synth::ExecutorChoice::Gpu, synth::ExecutorChoice::Cpu];
-
-/// All precisions.
-pub const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::F16];
-
-/// All modes of skipping, with the allowed error of `skip` if it has one.
-pub fn skips(skip: Skip) -> [Skip; 3] {
-    let allowed = match skip {
-        Skip::Bounded(error) => error,
-        _ => Skip::ALLOWED_ERROR,
-    };
-    [Skip::Off, Skip::Exact, Skip::Bounded(allowed)]
-}
-
-/// The nets that the dial offers: presets that have weights for `pattern`, and those that the viewer was started with.
-pub fn nets(pattern: Option<&Pattern>, given: &str) -> Vec<String> {
-    let fits = |preset: &presets::Preset| {
-        let made_for = preset.graph().map_or_else(|_| String::new(), |graph| graph.pattern);
-        let fits = |pattern| Pattern::built_in(&made_for).is_ok_and(|made| made.samples_like(pattern));
-        preset.trained && pattern.is_none_or(|pattern| made_for == "any" || fits(pattern))
-    };
-    let mut nets: Vec<String> =
-        presets::all().iter().filter(|p| fits(p)).map(|p| p.name.to_owned()).collect();
-    if !nets.iter().any(|net| net == given) {
-        nets.push(given.to_owned());
-    }
-    nets
-}
-
-/// The one behind `value`; behind the last one comes the first.
-fn next<T: Copy + PartialEq>(all: &[T], value: T) -> T {
-    let at = all.iter().position(|other| *other == value).map_or(0, |at| at + 1);
-    all[at % all.len()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::choices::nets;
+    use crate::picture::Picture;
+    use pix2hdr::network::Precision;
+    use pix2hdr::sensor::Pattern;
+    use pix2hdr::synth;
 
     fn dials() -> Dials {
         Dials {

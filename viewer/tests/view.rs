@@ -16,11 +16,12 @@ use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
 use pix2hdr::synth::{Backend, ExecutorChoice as Executor, Skip, Synthesizer};
 use pix2hdr::video::{self, Video, Writing};
+use pix2hdr_viewer::action::Action;
 use pix2hdr_viewer::clock::Reach;
 use pix2hdr_viewer::engine::{Dials, Engine, Phase, Status};
 use pix2hdr_viewer::picture::Picture;
-use pix2hdr_viewer::source::{Opening, Request};
-use pix2hdr_viewer::state::{Action, Arrangement, Settings};
+use pix2hdr_viewer::settings::{Arrangement, Settings};
+use pix2hdr_viewer::source::{Opening, SourceName};
 use pix2hdr_viewer::tone::Curve;
 use pix2hdr_viewer::{Start, Viewer, WindowDevice};
 
@@ -110,7 +111,7 @@ fn a_file_is_shown_to_the_bit_and_none_is_lost() {
     let (path, capture, result) = capture(folder.path(), frames);
     let measurement = capture.measurement();
     // Room for the least number of frames: most of them have to wait.
-    let engine = Engine::start(opening(), Request::Path(path), dials(), 1);
+    let engine = Engine::start(opening(), SourceName::Path(path), dials(), 1);
     let check = |number: usize| {
         engine.store.move_to(number);
         let frame = wait("a frame", || {
@@ -136,7 +137,7 @@ fn a_file_is_shown_to_the_bit_and_none_is_lost() {
 /// order, and what is shown stays near the camera.
 #[test]
 fn a_live_camera_drops_frames_and_counts_them() {
-    let engine = Engine::start(opening(), Request::Scene("fan".into()), dials(), 1 << 20);
+    let engine = Engine::start(opening(), SourceName::Scene("fan".into()), dials(), 1 << 20);
     wait("the engine", || (engine.status().phase == Phase::Running).then_some(()));
     engine.clock.set_rate(200_000.0, Instant::now());
     wait("drops", || {
@@ -166,7 +167,7 @@ fn a_live_camera_drops_frames_and_counts_them() {
 /// At a pace that can be followed nothing is dropped, and each frame has its truth.
 #[test]
 fn a_slow_live_camera_drops_nothing() {
-    let engine = Engine::start(opening(), Request::Scene("leds".into()), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Scene("leds".into()), dials(), 1 << 24);
     wait("the engine", || (engine.status().phase == Phase::Running).then_some(()));
     engine.clock.set_rate(40.0, Instant::now());
     wait("frames", || engine.store.span().filter(|[_, last]| *last >= 20));
@@ -181,7 +182,7 @@ fn a_slow_live_camera_drops_nothing() {
 fn dials_respond_and_a_refusal_can_be_undone() {
     let folder = tempfile::tempdir().unwrap();
     let (path, _, result) = capture(folder.path(), 40);
-    let engine = Engine::start(opening(), Request::Path(path), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(path), dials(), 1 << 24);
     wait("a frame", || engine.store.at(0));
     engine.tune(Dials { skip: Skip::Bounded(0.002), ..dials() }, 5);
     let frame =
@@ -208,7 +209,7 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
     std::fs::create_dir(path("empty")).unwrap();
     let (good, ..) = capture(folder.path(), 20);
     std::fs::copy(good.join("capture.npy"), path("bare.npy")).unwrap();
-    let engine = Engine::start(opening(), Request::Path(path("missing")), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(path("missing")), dials(), 1 << 24);
     wait("a refusal", || failure(&engine.status()).filter(|p| p.contains("missing") && p.contains("fan")));
     // Of a bare array, what is missing is named.
     for (name, named) in [
@@ -218,7 +219,7 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
         ("empty", "empty"),
         ("bare.npy", "bare.json"),
     ] {
-        engine.open(Request::Path(path(name)));
+        engine.open(SourceName::Path(path(name)));
         let problem = wait(name, || failure(&engine.status()).filter(|problem| problem.contains(named)));
         assert!(!problem.contains('\n'), "{problem}");
     }
@@ -227,7 +228,7 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
         let video = Video::new(9, height, width, vec![0.25; 9 * height * width]).unwrap();
         let name = format!("{height}x{width}.npy");
         video::write(path(&name), &video, Writing::default()).unwrap();
-        engine.open(Request::Path(path(&name)));
+        engine.open(SourceName::Path(path(&name)));
         let frame = wait("a frame", || {
             assert!(failure(&engine.status()).is_none_or(|p| !p.contains(&name)), "{:?}", engine.status());
             engine.store.at(8).filter(|frame| frame.number == 8 && frame.width == width)
@@ -237,7 +238,7 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
     }
     // One too small for the pattern is refused in words.
     video::write(path("dot.npy"), &Video::black(3, 1, 1), Writing::default()).unwrap();
-    engine.open(Request::Path(path("dot.npy")));
+    engine.open(SourceName::Path(path("dot.npy")));
     wait("a refusal", || failure(&engine.status()).filter(|problem| problem.contains("dot.npy")));
 }
 
@@ -250,7 +251,7 @@ fn a_source_that_goes_away_is_named() {
     let [height, width] = EXTENT;
     let grey = Video::new(2000, height, width, vec![0.25; 2000 * height * width]).unwrap();
     sampler().sample(&grey).unwrap().write(&path).unwrap();
-    let engine = Engine::start(opening(), Request::Path(path.clone()), dials(), 1);
+    let engine = Engine::start(opening(), SourceName::Path(path.clone()), dials(), 1);
     let shown = wait("a frame", || engine.store.at(0));
     let array = std::fs::OpenOptions::new().write(true).open(path.join("capture.npy")).unwrap();
     array.set_len(array.metadata().unwrap().len() / 4).unwrap();
@@ -274,7 +275,7 @@ fn a_source_that_goes_away_is_named() {
 fn a_live_camera_shows_what_it_sees_before_there_is_a_result() {
     // Large enough for the first window to take a while.
     let large = Opening { extent: [192, 192], ..opening() };
-    let engine = Engine::start(large, Request::Scene("fan".into()), dials(), 1 << 24);
+    let engine = Engine::start(large, SourceName::Scene("fan".into()), dials(), 1 << 24);
     let status = wait("frames of the camera", || {
         let status = engine.status();
         assert_eq!(status.frames, 0, "the test is too slow to see them");
@@ -299,13 +300,14 @@ fn captures_that_hold_have_their_truth_and_videos_can_be_plain() {
     let video = folder.path().join("truth.npy");
     video::write(&video, &truth, Writing { half: false, ..Writing::default() }).unwrap();
     let with_truth = Opening { truth: Some(video.clone()), ..opening() };
-    let engine = Engine::start(with_truth, Request::Path(folder.path().join("held")), dials(), 1 << 24);
+    let engine = Engine::start(with_truth, SourceName::Path(folder.path().join("held")), dials(), 1 << 24);
     let frame = wait("a frame", || {
         assert_eq!(failure(&engine.status()), None);
         engine.store.at(12).filter(|frame| frame.number == 12)
     });
     assert_eq!(frame.truth.as_deref(), Some(truth.frame(12)));
-    let plain = Engine::start(Opening { plain: true, ..opening() }, Request::Path(video), dials(), 1 << 24);
+    let plain =
+        Engine::start(Opening { plain: true, ..opening() }, SourceName::Path(video), dials(), 1 << 24);
     let frame = wait("a frame", || plain.store.at(29).filter(|frame| frame.number == 29));
     assert_eq!(frame.ours.as_deref(), Some(truth.frame(29)));
     assert!(frame.mosaic.is_none() && frame.truth.is_none());
@@ -318,12 +320,12 @@ fn a_bare_array_is_a_capture_if_its_pattern_is_named() {
     let (path, capture, _) = capture(folder.path(), 40);
     let bare = folder.path().join("bare.npy");
     std::fs::copy(path.join("capture.npy"), &bare).unwrap();
-    let engine = Engine::start(opening(), Request::Path(bare.clone()), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(bare.clone()), dials(), 1 << 24);
     let problem = wait("a message", || failure(&engine.status()));
     assert!(problem.contains("bare.json") && problem.contains("--pattern"), "{problem}");
     let keys = serde_json::json!({ "pattern": "mpve-1-4", "bit_depth": 10 });
     let named = Opening { keys: keys.as_object().unwrap().clone(), ..opening() };
-    let engine = Engine::start(named, Request::Path(bare), dials(), 1 << 24);
+    let engine = Engine::start(named, SourceName::Path(bare), dials(), 1 << 24);
     let frame = wait("a frame", || {
         assert_eq!(failure(&engine.status()), None);
         engine.store.at(12).filter(|frame| frame.number == 12)
@@ -412,7 +414,7 @@ impl Interface {
         let truth = folder.path().join("truth.npy");
         video::write(&truth, &scene(frames), Writing::default()).unwrap();
         let start = Start {
-            request: Request::Path(truth),
+            source: SourceName::Path(truth),
             opening: opening(),
             dials,
             out: folder.path().join("out"),
