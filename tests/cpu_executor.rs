@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use pix2hdr::cpu::bound::{self, bound, largest_fraction};
 use pix2hdr::cpu::{CpuExecutor, Shared, Simd, evaluate};
-use pix2hdr::network::{Executor, Graph, Model, Op, Plan, Step, Tensor, Window, presets};
+use pix2hdr::network::{Executor, Graph, Inspect, Model, Op, Plan, Step, Tensor, Window, presets};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -307,22 +307,25 @@ fn a_window_that_follows_computes_what_is_new_and_the_same() {
         let shared = Shared::default();
         let mut streaming = CpuExecutor::<f32>::sharing(plan.clone(), camera(), &shared);
         let mut other = CpuExecutor::<f32>::sharing(whole.clone(), camera(), &shared);
+        let mut state = streaming.state().unwrap();
         for k in 0..5 {
             let mut expected = vec![f32::NAN; whole.result.shape.len()];
             CpuExecutor::<f32>::new(whole.clone(), camera())
                 .run(window(k), schedule(k), &mut expected)
                 .unwrap();
             let mut result = vec![f32::NAN; plan.result.shape.len()];
-            if k == 0 {
-                streaming.submit(window(k), schedule(k)).unwrap();
-            } else {
-                streaming.follow(window(k), schedule(k)).unwrap();
-            }
+            streaming.submit(window(k), schedule(k), Some(&mut state)).unwrap();
             streaming.collect(&mut result).unwrap();
             assert!(expected == result, "{name}, {bytes} bytes, window {k}");
             if k == 2 {
-                // Another executor in the same memory: what was known is lost, and nothing else.
+                // Another executor in the same memory, and another sequence: what is known stays known.
                 other.run(window(0), schedule(0), &mut expected).unwrap();
+                streaming.run(window(0), schedule(0), &mut result).unwrap();
+                let mut elsewhere = streaming.state().unwrap();
+                for k in [1, 3] {
+                    streaming.submit(window(k), schedule(k), Some(&mut elsewhere)).unwrap();
+                    streaming.collect(&mut result).unwrap();
+                }
             }
         }
     }
@@ -368,16 +371,31 @@ fn layers_finer_than_pixels_have_no_known_reach() {
     assert!(error.contains("'up'") && error.contains("finer"), "{error}");
 }
 
+/// A net with a transposed convolution through time, which is computed from its first frame on.
+const TRANSPOSED: &str = r#"{"version": 1, "name": "transposed", "pattern": "any",
+    "window": {"frames": 12, "lead": 4, "hop": 4}, "output": "radiance", "nodes": [
+    {"name": "estimate", "op": "box_estimate", "inputs": ["measurement"]},
+    {"name": "features", "op": "features", "inputs": ["measurement", "estimate"], "block": [1, 1, 1],
+     "channels": ["log_irradiance", "log_estimate"]},
+    {"name": "up", "op": "conv_transpose3d", "inputs": ["features"], "out_channels": 2, "kernel": [3, 1, 1],
+     "stride": [1, 1, 1], "activation": "sigmoid"},
+    {"name": "irradiance", "op": "inverse_response", "inputs": ["up"], "exposures": [2, 4]},
+    {"name": "weights", "op": "conv3d", "inputs": ["irradiance"], "out_channels": 2, "kernel": [1, 1, 1],
+     "stride": [1, 1, 1], "activation": {"softplus": 0.001}},
+    {"name": "radiance", "op": "fuse", "inputs": ["weights", "irradiance"]}]}"#;
+
 #[test]
 fn nets_that_depend_on_their_window_do_not_stream() {
-    for (graph, size) in [(U_NET, [12, 14]), (KERNELS, [4, 8]), (DENSE, [5, 14])] {
+    for (graph, size) in [(U_NET, [12, 14]), (KERNELS, [4, 8]), (DENSE, [5, 14]), (TRANSPOSED, [3, 5])] {
         let plan = Plan::streaming(&model(graph, 1), size[0], size[1], 10_000).unwrap();
         assert!(plan.following.is_none(), "{}", plan.name);
         // Its windows follow each other as any others do.
         let mut executor = CpuExecutor::<f32>::new(plan.clone(), camera());
+        let mut state = executor.state().unwrap();
         for seed in [1, 2] {
             let mut result = vec![f32::NAN; plan.result.shape.len()];
-            executor.follow(&measurement(plan.measurement.shape.len(), seed), SCHEDULE).unwrap();
+            let measurement = measurement(plan.measurement.shape.len(), seed);
+            executor.submit(&measurement, SCHEDULE, Some(&mut state)).unwrap();
             executor.collect(&mut result).unwrap();
             assert_eq!(result, run(CpuExecutor::<f32>::new(plan.clone(), camera()), &plan, seed));
         }
@@ -393,8 +411,11 @@ fn executors_that_share_do_not_disturb_each_other() {
     for seed in [1, 2] {
         for (executor, plan) in executors.iter_mut().zip(&plans) {
             let measurement = measurement(plan.measurement.shape.len(), seed);
-            executor.submit(&measurement, SCHEDULE).unwrap();
-            assert!(executor.submit(&measurement, SCHEDULE).is_err(), "nobody has collected the first one");
+            executor.submit(&measurement, SCHEDULE, None).unwrap();
+            assert!(
+                executor.submit(&measurement, SCHEDULE, None).is_err(),
+                "nobody has collected the first one"
+            );
         }
         for (executor, plan) in executors.iter_mut().zip(&plans) {
             let mut result = vec![f32::NAN; plan.result.shape.len()];

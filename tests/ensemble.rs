@@ -167,6 +167,6 @@ fn more_views_than_there_are_is_an_error() {
     // A net that goes through time in steps is not shown other times.
     let graph = presets::by_name("paper").unwrap().graph().unwrap();
     let calibration = capture("mpve-1-4", Noise::NONE).calibration();
-    assert_eq!(synth::views(&graph, &calibration, 4).unwrap().len(), 4);
-    assert!(synth::views(&graph, &calibration, 5).unwrap_err().to_string().contains("4 only"));
+    assert_eq!(synth::poses(&graph, &calibration, 4).unwrap().len(), 4);
+    assert!(synth::poses(&graph, &calibration, 5).unwrap_err().to_string().contains("4 only"));
 }

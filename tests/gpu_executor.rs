@@ -5,7 +5,7 @@ mod support;
 use pix2hdr::Error;
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Options, Variant, adapters};
-use pix2hdr::network::{Executor, Layer, Model, Plan, Precision, Step, presets};
+use pix2hdr::network::{Executor, Inspect, Layer, Model, Plan, Precision, Step, presets};
 use support::{calibration, gpu, measurement, plan, variants};
 
 fn model(preset: &str) -> Model {
@@ -245,8 +245,8 @@ fn what_f16_cannot_hold_is_stored_in_other_units() {
         // The same digits, but for values that are small beside the largest ones.
         assert!(error < 1e-4, "{error}");
     };
-    executor.submit(&windows[0], 0).unwrap();
-    executor.submit(&windows[1], 0).unwrap();
+    executor.submit(&windows[0], 0, None).unwrap();
+    executor.submit(&windows[1], 0, None).unwrap();
     for expected in &expected[..2] {
         executor.collect(&mut result).unwrap();
         close(&result, expected);
@@ -331,7 +331,7 @@ fn windows_overlap() {
     let mut results = Vec::new();
     let mut result = vec![0.0; plan.result.shape.len()];
     for (index, (measurement, schedule)) in windows.iter().enumerate() {
-        executor.submit(measurement, *schedule).unwrap();
+        executor.submit(measurement, *schedule, None).unwrap();
         if index + 1 >= GpuExecutor::IN_FLIGHT {
             executor.collect(&mut result).unwrap();
             results.push(result.clone());
@@ -344,9 +344,12 @@ fn windows_overlap() {
     assert!(results == expected, "overlapping windows differ from single ones");
     assert!(matches!(executor.collect(&mut result), Err(Error::Misuse(_))), "nothing is in flight");
     for _ in 0..GpuExecutor::IN_FLIGHT {
-        executor.submit(&windows[0].0, 0).unwrap();
+        executor.submit(&windows[0].0, 0, None).unwrap();
     }
-    assert!(matches!(executor.submit(&windows[0].0, 0), Err(Error::Misuse(_))), "too many are in flight");
+    assert!(
+        matches!(executor.submit(&windows[0].0, 0, None), Err(Error::Misuse(_))),
+        "too many are in flight"
+    );
 }
 
 #[test]

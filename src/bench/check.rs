@@ -7,7 +7,7 @@ use crate::cpu::CpuExecutor;
 use crate::cpu::bound::step_errors;
 use crate::frame::Plane;
 use crate::math::lcm;
-use crate::network::{Executor, Model, Plan, Precision};
+use crate::network::{Executor, Inspect, Model, Plan, Precision};
 use crate::quality::Comparison;
 use crate::sensor::Calibration;
 use crate::synth::windows;
@@ -87,7 +87,7 @@ impl Oracle {
     }
 
     /// The largest error of any step as a fraction of its bound, at the executor's precision.
-    pub fn bound_fraction(&self, executor: &mut dyn Executor, precision: Precision) -> Result<f64> {
+    pub fn bound_fraction(&self, executor: &mut dyn Inspect, precision: Precision) -> Result<f64> {
         let errors =
             step_errors(executor, &self.calibration, &self.measurement.data, self.schedule, precision)?;
         Ok(errors.iter().map(|error| error.fraction).fold(0.0, f64::max))

@@ -11,10 +11,10 @@ use super::samples::repeat;
 use super::{Clip, Floors, Oracle, Peak, Samples, machine};
 use crate::Result;
 use crate::gpu::{self, Formats, GpuExecutor, Variant};
-use crate::network::{Executor, Model, Plan, Precision, Shape};
+use crate::network::{Inspect, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
-use crate::synth::{Backend, Ensemble, Settings, Skip, Skipped, Synthesizer, tiles::Grid, views, windows};
+use crate::synth::{Backend, Ensemble, Settings, Skip, Skipped, Synthesizer, poses, tiles::Grid, windows};
 use crate::video::Video;
 
 /// A sample takes at least this long, so that it outweighs the way to a device: short windows are computed several
@@ -148,7 +148,7 @@ pub struct Layer {
 /// A size of tile that occurs in a frame, ready to run.
 struct Tile {
     plan: Plan,
-    executor: Box<dyn Executor>,
+    executor: Box<dyn Inspect>,
     measurement: Video,
     /// How many tiles of the frame have this size.
     count: usize,
@@ -239,7 +239,7 @@ impl Case<'_> {
         })
     }
 
-    fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Executor>> {
+    fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Inspect>> {
         match (self.backend, self.variant) {
             (&Backend::Gpu(ref gpu, precision), Some(_)) => {
                 let options = gpu::Options { precision, variant: self.variant, ..gpu::Options::default() };
@@ -277,8 +277,9 @@ impl Case<'_> {
     fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<Tile>> {
         let window = self.model.graph.window;
         let seen = clip.window(window, clip.last_window(window), calibration, grid.extent());
-        let views = views(&self.model.graph, calibration, self.settings.ensemble)?;
-        let streams = grid.count() == 1 && views.len() == 1;
+        let poses = poses(&self.model.graph, calibration, self.settings.ensemble)?;
+        let limits = self.backend.limits(None);
+        let streams = limits.stream(self.model, grid, &poses)?;
         let mut tiles: Vec<Tile> = Vec::new();
         for (row, col) in grid.tiles() {
             let size = [row.outer_len, col.outer_len];
@@ -287,9 +288,9 @@ impl Case<'_> {
                 tile.count += 1;
                 continue;
             }
-            let plan = self.backend.limits(None).plan(self.model, size, streams)?;
+            let plan = limits.plan(self.model, size, streams)?;
             let executor = self.executor(plan.clone(), calibration)?;
-            let executor = Ensemble::over(executor, &views, window, size, calibration);
+            let executor = Ensemble::over(executor, &poses, window, size, calibration);
             let measurement = crop(&seen, [row.outer_start, col.outer_start], size);
             tiles.push(Tile { plan, executor, measurement, count: 1, windows: 1 });
         }

@@ -13,7 +13,7 @@ use super::view::{ScratchPool, TensorView, TensorViewMut};
 use super::{Simd, box_estimate, evaluate, features, pack};
 use crate::Result;
 use crate::network::{
-    Activation, Channel, ConvolutionStep, Executor, Feature, Kernel, Layer, MU, PlannedTensor, Precision,
+    Activation, Channel, ConvolutionStep, Feature, Inspect, Kernel, Layer, MU, PlannedTensor, Precision,
     Step, Tensor,
 };
 use crate::sensor::Calibration;
@@ -227,7 +227,7 @@ pub struct StepError {
 /// Runs a window and compares the output of each step with the f64 twin's on the step's own inputs, as the executor
 /// read them, stored at `precision`. The first step with a fraction above 1 is where the executor parts from its twin.
 pub fn step_errors(
-    executor: &mut dyn Executor,
+    executor: &mut dyn Inspect,
     calibration: &Calibration,
     measurement: &[f32],
     schedule: i64,

@@ -5,14 +5,11 @@ use super::convolution::{Axis, Packed, Phase};
 use super::simd::Simd;
 use crate::network::ConvolutionStep;
 
-/// Packs weights [out, in, kt, ky, kx]. Result o sums over the inputs o·stride − padding + tap.
+/// Packs the weights. Result o sums over the inputs o·stride − padding + tap.
 pub fn pack<R: Real>(step: &ConvolutionStep, simd: Simd) -> Packed<R> {
-    let [kt, ky, kx] = step.kernel;
     let axes = std::array::from_fn(|i| Axis {
         stride: step.stride[i],
         phases: vec![Phase { origin: -(step.padding[i] as isize), taps: step.kernel[i] }],
     });
-    Packed::new(step, axes, simd, |o, i, _, [t, y, x]| {
-        step.layer.weight[(((o * step.in_channels + i) * kt + t) * ky + y) * kx + x]
-    })
+    Packed::new(step, axes, simd, |o, i, _, tap| step.layer.weight[step.index_of(i, o, tap)])
 }

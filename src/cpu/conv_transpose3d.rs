@@ -8,9 +8,8 @@ use super::convolution::{Axis, Packed, Phase};
 use super::simd::Simd;
 use crate::network::ConvolutionStep;
 
-/// Packs weights [in, out, kt, ky, kx].
+/// Packs the weights.
 pub fn pack<R: Real>(step: &ConvolutionStep, simd: Simd) -> Packed<R> {
-    let [kt, ky, kx] = step.kernel;
     // Position k of the kernel that result o of the first few takes first; the others are stride apart.
     let first = |axis: usize, o: usize| (o + step.padding[axis]) % step.stride[axis];
     let axes = std::array::from_fn(|axis| {
@@ -29,7 +28,7 @@ pub fn pack<R: Real>(step: &ConvolutionStep, simd: Simd) -> Packed<R> {
         first + step.stride[axis] * (taps - 1 - tap)
     };
     Packed::new(step, axes, simd, |o, i, phase, tap| {
-        let [t, y, x] = std::array::from_fn(|axis| position(axis, phase[axis], tap[axis]));
-        step.layer.weight[(((i * step.out_channels + o) * kt + t) * ky + y) * kx + x]
+        let tap = std::array::from_fn(|axis| position(axis, phase[axis], tap[axis]));
+        step.layer.weight[step.index_of(i, o, tap)]
     })
 }

@@ -11,7 +11,8 @@ use super::convolution::Packed;
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Call, Real, Simd, pack};
 use crate::network::{
-    Carry, ConvolutionStep, Executor, Following, Plan, Run, Step, Tensor, View, WindowTime, check_len,
+    Carry, ConvolutionStep, Executor, Following, Inspect, Plan, Run, State, Step, Tensor, View, WindowTime,
+    check_len,
 };
 use crate::sensor::Calibration;
 use crate::{Error, Result};
@@ -33,8 +34,6 @@ pub struct CpuExecutor<R> {
     /// Packed weights of each step that has some: of a window by itself, and of one that follows another one.
     packed: [Vec<Option<Arc<Packed<R>>>>; 2],
     shared: Shared<R>,
-    /// Which use of the memory was this executor's last one.
-    used: u64,
     /// What the window that was submitted last came to, until it is collected.
     result: Option<Vec<f32>>,
 }
@@ -54,8 +53,6 @@ type Weights<R> = HashMap<(String, [usize; 3]), (Arc<ConvolutionStep>, Arc<Packe
 #[derive(Debug)]
 struct Memory<R> {
     slots: Vec<Vec<R>>,
-    /// How often it was used. What a window keeps for the following one is lost when somebody else uses it.
-    uses: u64,
     /// Results that were collected.
     free: Vec<Vec<f32>>,
     /// The inner slots of pieces that are computed at the same time.
@@ -67,7 +64,6 @@ impl<R> Default for Shared<R> {
     fn default() -> Self {
         let memory = Memory {
             slots: Vec::new(),
-            uses: 0,
             free: Vec::new(),
             inner: Spare::default(),
             scratch: ScratchPool::default(),
@@ -119,7 +115,7 @@ impl<R: Real> CpuExecutor<R> {
         let following = plan.following.as_ref().map_or(&[][..], |following| &following.steps);
         let packed = [&plan.steps, following]
             .map(|steps| steps.iter().map(|step| shared.packed(step, simd)).collect());
-        Self { plan, calibration, simd, packed, shared, used: 0, result: None }
+        Self { plan, calibration, simd, packed, shared, result: None }
     }
 
     /// Memory with the measurement in its slot. What is not finite counts as 0, so that no kernel meets NaN.
@@ -142,7 +138,6 @@ impl<R: Real> CpuExecutor<R> {
                 *value = if y.is_finite() { R::from_f32(y.clamp(0.0, 1.0)) } else { R::ZERO };
             }
         });
-        memory.uses += 1;
         Ok(memory)
     }
 
@@ -156,26 +151,14 @@ impl<R: Real> CpuExecutor<R> {
         Program { executor: self, steps, runs, packed: own, follows: false }
     }
 
-    fn start(&mut self, measurement: &[f32], schedule: i64, follows: bool) -> Result<()> {
-        if self.result.is_some() {
-            return Err(Error::Misuse("a window is computed; collect it first".into()));
-        }
-        let mut memory = self.load(measurement)?;
-        let is_known = self.used > 0 && memory.uses == self.used + 1;
-        self.program(follows && is_known).run(&mut memory, schedule);
-        let mut result = memory.free.pop().unwrap_or_default();
-        let view = self.plan.result;
-        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
-        result.clear();
-        // Only a net whose weights overflow gets here with anything else than a finite number.
-        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
-        let used = memory.uses;
-        drop(memory);
-        (self.used, self.result) = (used, Some(result));
-        Ok(())
+    /// Where a sequence keeps what its windows leave.
+    fn left(&self) -> Left<R> {
+        self.plan.carries.iter().map(|carry| vec![R::ZERO; carry.written.len()]).collect()
     }
 }
+
+/// What windows leave for the following one, by [`Plan::carries`].
+type Left<R> = Vec<Vec<R>>;
 
 /// Steps, with what they need.
 struct Program<'a, R> {
@@ -183,15 +166,18 @@ struct Program<'a, R> {
     steps: &'a [Step],
     runs: &'a [Run],
     packed: &'a [Option<Arc<Packed<R>>>],
-    /// Whether frames that the window before has computed are there.
+    /// Whether it computes only what the window before has not.
     follows: bool,
 }
 
 impl<R: Real> Program<'_, R> {
-    fn run(&self, memory: &mut Memory<R>, schedule: i64) {
+    /// Computes a window; with what the one before has `left`, and leaves there what the next one needs.
+    fn run(&self, memory: &mut Memory<R>, schedule: i64, left: &mut [Vec<R>]) {
         for run in self.runs {
-            for Carry { written, kept, wanted } in run.carries.iter().filter(|_| self.follows) {
-                memory.copy(kept.as_ref().unwrap_or(written), wanted);
+            for &index in run.restores.iter().filter(|_| self.follows) {
+                let Carry { tensor, wanted, .. } = &self.executor.plan.carries[index];
+                let slot = self.executor.plan.tensors[tensor.0].slot;
+                copy(&mut memory.slots[slot][wanted.clone()], &left[index]);
             }
             let bytes = run.inner.iter().map(|(_, len)| len * size_of::<R>()).sum::<usize>();
             if run.pieces.len() > 1 && bytes <= SIDE_BY_SIDE {
@@ -199,10 +185,12 @@ impl<R: Real> Program<'_, R> {
             } else {
                 run.pieces.iter().cloned().flatten().for_each(|index| self.step(memory, index, schedule));
             }
-            for Carry { written, kept, .. } in &run.carries {
-                if let Some(kept) = kept {
-                    memory.copy(written, kept);
-                }
+            for &index in &run.saves {
+                // A window by itself leaves nothing.
+                let Some(left) = left.get_mut(index) else { continue };
+                let Carry { tensor, written, .. } = &self.executor.plan.carries[index];
+                let slot = self.executor.plan.tensors[tensor.0].slot;
+                copy(left, &memory.slots[slot][written.clone()]);
             }
         }
     }
@@ -311,47 +299,15 @@ impl<R> Part<'_, R> {
 }
 
 impl<R: Real> Memory<R> {
-    /// Copies pixels to another place, which may be nearer to the begin of the same slot.
-    fn copy(&mut self, from: &View, to: &View) {
-        let channels = from.shape.c;
-        let dense = from.stride == channels && to.stride == channels;
-        let rows = from.shape.t * from.shape.y;
-        let [from_row, to_row] = [from, to].map(|view| view.shape.x * view.stride);
-        let copy = |target: &mut [R], source: &[R]| {
-            if dense {
-                target.copy_from_slice(source);
-            } else {
-                for (target, source) in target.chunks_mut(to.stride).zip(source.chunks(from.stride)) {
-                    target[..channels].copy_from_slice(&source[..channels]);
-                }
-            }
-        };
-        if from.slot == to.slot {
-            debug_assert!(to.offset <= from.offset && from_row == to_row, "frames move to the front");
-            let slot = &mut self.slots[to.slot];
-            if dense {
-                slot.copy_within(from.offset..from.offset + rows * from_row, to.offset);
-            } else {
-                for pixel in 0..from.shape.pixels() {
-                    let first = from.offset + pixel * from.stride;
-                    slot.copy_within(first..first + channels, to.offset + pixel * to.stride);
-                }
-            }
-            return;
-        }
-        let mut target = std::mem::take(&mut self.slots[to.slot]);
-        let source = &self.slots[from.slot];
-        let targets = target[to.offset..].par_chunks_mut(to_row).take(rows);
-        targets
-            .zip(source[from.offset..].par_chunks(from_row))
-            .for_each(|(target, source)| copy(target, source));
-        self.slots[to.slot] = target;
-    }
-
     fn tensor(&self, view: &View) -> Tensor {
         let pixels = TensorView::new(&self.slots[view.slot], view).pixels();
         Tensor { shape: view.shape, data: pixels.flatten().map(|v| v.to_f32()).collect() }
     }
+}
+
+/// Copies values, on all threads.
+fn copy<R: Real>(to: &mut [R], from: &[R]) {
+    to.par_chunks_mut(LOADED).zip(from.par_chunks(LOADED)).for_each(|(to, from)| to.copy_from_slice(from));
 }
 
 impl<R: Real> Executor for CpuExecutor<R> {
@@ -359,18 +315,36 @@ impl<R: Real> Executor for CpuExecutor<R> {
         &self.plan
     }
 
-    fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
-        check_len("the result", result.len(), self.plan.result.shape.len())?;
-        self.submit(measurement, schedule)?;
-        self.collect(result)
+    fn state(&self) -> Result<State> {
+        Ok(State::new(self.left()))
     }
 
-    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        self.start(measurement, schedule, false)
-    }
-
-    fn follow(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        self.start(measurement, schedule, true)
+    fn submit(&mut self, measurement: &[f32], schedule: i64, state: Option<&mut State>) -> Result<()> {
+        if self.result.is_some() {
+            return Err(Error::Misuse("a window is computed; collect it first".into()));
+        }
+        let mut memory = self.load(measurement)?;
+        let (mut follows, mut left) = (false, &mut Left::new());
+        if let Some(state) = state {
+            follows = state.advance(schedule, self.plan.window.hop);
+            left = state.left()?;
+            let fits =
+                left.iter().map(Vec::len).eq(self.plan.carries.iter().map(|carry| carry.written.len()));
+            if !fits {
+                return Err(Error::Misuse("a state of another plan".into()));
+            }
+        }
+        self.program(follows).run(&mut memory, schedule, left);
+        let mut result = memory.free.pop().unwrap_or_default();
+        let view = self.plan.result;
+        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
+        result.clear();
+        // Only a net whose weights overflow gets here with anything else than a finite number.
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
+        drop(memory);
+        self.result = Some(result);
+        Ok(())
     }
 
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
@@ -387,6 +361,16 @@ impl<R: Real> Executor for CpuExecutor<R> {
         1
     }
 
+    fn waiting(&self) -> usize {
+        usize::from(self.result.is_some())
+    }
+
+    fn describe(&self) -> String {
+        format!("cpu, {} threads, {}, {}", rayon::current_num_threads(), R::NAME, self.simd.name())
+    }
+}
+
+impl<R: Real> Inspect for CpuExecutor<R> {
     fn trace(
         &mut self,
         measurement: &[f32],
@@ -406,9 +390,10 @@ impl<R: Real> Executor for CpuExecutor<R> {
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
         let mut memory = self.load(measurement)?;
         let program = self.program(true);
+        let mut left = self.left();
         let begun = Instant::now();
         for _ in 0..windows {
-            program.run(&mut memory, schedule);
+            program.run(&mut memory, schedule, &mut left);
         }
         Ok(WindowTime { wall: begun.elapsed(), device: None })
     }
@@ -424,7 +409,8 @@ impl<R: Real> Executor for CpuExecutor<R> {
         Ok((0..program.steps.len()).map(time).collect())
     }
 
-    fn describe(&self) -> String {
-        format!("cpu, {} threads, {}, {}", rayon::current_num_threads(), R::NAME, self.simd.name())
+    /// Nothing is too large for f32, or for f64, that a net can compute.
+    fn rescaled(&self) -> Vec<(String, f32)> {
+        Vec::new()
     }
 }

@@ -19,7 +19,7 @@ use super::tune::Tuning;
 use super::variant::Variant;
 use super::weights::loaded;
 use super::{Gpu, GpuError};
-use crate::network::{Executor, Plan, Precision, Step, Tensor, View, WindowTime, check_len};
+use crate::network::{Executor, Inspect, Plan, Precision, State, Step, Tensor, View, WindowTime, check_len};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -29,7 +29,7 @@ const BINDING_STRIDE: u64 = 256;
 /// Runs one plan on a GPU.
 ///
 /// Pipelines, weights and slots are made once. A window is one command buffer: upload, all steps, and a copy of the
-/// result to memory that the CPU can map. [`GpuExecutor::submit`] and [`GpuExecutor::collect`] let a caller prepare
+/// result to memory that the CPU can map. [`Executor::submit`] and [`Executor::collect`] let a caller prepare
 /// the next window while the GPU computes this one.
 #[derive(Debug)]
 pub struct GpuExecutor {
@@ -142,36 +142,6 @@ impl GpuExecutor {
         })
     }
 
-    /// Starts to compute a window: as [`Executor::run`], but returns while the GPU works. At most
-    /// [`GpuExecutor::IN_FLIGHT`] windows can be in flight.
-    pub fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        if self.in_flight.len() == Self::IN_FLIGHT {
-            return Err(Error::Misuse(format!(
-                "{} windows are in flight; collect one first",
-                Self::IN_FLIGHT
-            )));
-        }
-        let window = self.start(measurement, schedule)?;
-        self.in_flight.push_back(window);
-        Ok(())
-    }
-
-    /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`. Where it met
-    /// a value that f16 cannot hold, it is computed again in units that can.
-    pub fn collect(&mut self, result: &mut [f32]) -> Result<()> {
-        check_len("the result", result.len(), self.plan.result.shape.len())?;
-        let Some(InFlight { download, submission, window }) = self.in_flight.pop_front() else {
-            return Err(Error::Misuse("no window is in flight".into()));
-        };
-        let mut overflow = self.finish(download, submission, result)?;
-        while let (Some(overflowed), Some((measurement, schedule))) = (overflow, &window) {
-            self.make_room(overflowed)?;
-            let again = self.start(measurement, *schedule)?;
-            overflow = self.finish(again.download, again.submission, result)?;
-        }
-        Ok(())
-    }
-
     /// Submits a window.
     fn start(&mut self, measurement: &[f32], schedule: i64) -> Result<InFlight> {
         self.upload(measurement, schedule)?;
@@ -253,27 +223,53 @@ impl Executor for GpuExecutor {
         &self.plan
     }
 
-    fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
-        check_len("the result", result.len(), self.plan.result.shape.len())?;
-        if !self.in_flight.is_empty() {
-            return Err(Error::Misuse("a window is in flight; collect it first".into()));
+    /// Windows are computed whole, so nothing is left.
+    fn state(&self) -> Result<State> {
+        Ok(State::new(()))
+    }
+
+    /// Returns while the GPU works.
+    fn submit(&mut self, measurement: &[f32], schedule: i64, _state: Option<&mut State>) -> Result<()> {
+        if self.in_flight.len() == Self::IN_FLIGHT {
+            return Err(Error::Misuse(format!(
+                "{} windows are in flight; collect one first",
+                Self::IN_FLIGHT
+            )));
         }
-        self.submit(measurement, schedule)?;
-        self.collect(result)
+        let window = self.start(measurement, schedule)?;
+        self.in_flight.push_back(window);
+        Ok(())
     }
 
-    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        Self::submit(self, measurement, schedule)
-    }
-
+    /// Where the window met a value that f16 cannot hold, it is computed again in units that can.
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
-        Self::collect(self, result)
+        check_len("the result", result.len(), self.plan.result.shape.len())?;
+        let Some(InFlight { download, submission, window }) = self.in_flight.pop_front() else {
+            return Err(Error::Misuse("no window is in flight".into()));
+        };
+        let mut overflow = self.finish(download, submission, result)?;
+        while let (Some(overflowed), Some((measurement, schedule))) = (overflow, &window) {
+            self.make_room(overflowed)?;
+            let again = self.start(measurement, *schedule)?;
+            overflow = self.finish(again.download, again.submission, result)?;
+        }
+        Ok(())
     }
 
     fn in_flight(&self) -> usize {
         Self::IN_FLIGHT
     }
 
+    fn waiting(&self) -> usize {
+        self.in_flight.len()
+    }
+
+    fn describe(&self) -> String {
+        format!("{}, {}", self.gpu.name(), self.precision.name())
+    }
+}
+
+impl Inspect for GpuExecutor {
     fn trace(
         &mut self,
         measurement: &[f32],
@@ -298,10 +294,6 @@ impl Executor for GpuExecutor {
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
         self.arrive(measurement, schedule)?;
         Ok(self.time_each()?)
-    }
-
-    fn describe(&self) -> String {
-        format!("{}, {}", self.gpu.name(), self.precision.name())
     }
 
     fn rescaled(&self) -> Vec<(String, f32)> {

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Plan, Step};
+use super::state::State;
 use super::tensor::Tensor;
 use crate::{Error, Result};
 
@@ -43,21 +44,15 @@ pub trait Executor: Send {
     /// The plan.
     fn plan(&self) -> &Plan;
 
-    /// Runs all steps on one window.
+    /// The state of a sequence of windows, of which none was computed.
+    fn state(&self) -> Result<State>;
+
+    /// Starts to compute a window. An executor whose work is done elsewhere returns while it is being done. At most
+    /// [`Executor::in_flight`] windows may be submitted and not yet collected.
     ///
-    /// `measurement` holds pixel values [frames, H, W] as the plan's measurement view wants them; `schedule`
-    /// is the schedule time of its first frame. `result` receives irradiance [hop, H, W].
-    fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()>;
-
-    /// Starts to compute a window: as [`Executor::run`], but an executor whose work is done elsewhere returns while
-    /// it is being done. At most [`Executor::in_flight`] windows may be submitted and not yet collected.
-    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()>;
-
-    /// As [`Executor::submit`], for the window right behind the one that was submitted last and with the same frames where
-    /// both have some: an executor whose plan is for streams computes only what is new. The result is the same.
-    fn follow(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        self.submit(measurement, schedule)
-    }
+    /// `measurement` holds pixel values [frames, H, W] as the plan's measurement view wants them; `schedule` is the
+    /// schedule time of its first frame. A window of a sequence comes with the `state` of that sequence alone.
+    fn submit(&mut self, measurement: &[f32], schedule: i64, state: Option<&mut State>) -> Result<()>;
 
     /// Waits for the window that was submitted first, and writes its irradiance [hop, H, W] to `result`.
     fn collect(&mut self, result: &mut [f32]) -> Result<()>;
@@ -65,8 +60,27 @@ pub trait Executor: Send {
     /// How many windows can be submitted before one is collected.
     fn in_flight(&self) -> usize;
 
-    /// Runs one window and shows each step with the tensors that it read and the one that it wrote, so that
-    /// two executors can be compared step by step.
+    /// How many windows were submitted and not yet collected.
+    fn waiting(&self) -> usize;
+
+    /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".
+    fn describe(&self) -> String;
+
+    /// Runs all steps on one window by itself: [`Executor::submit`], then [`Executor::collect`].
+    fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
+        check_len("the result", result.len(), self.plan().result.shape.len())?;
+        if self.waiting() > 0 {
+            return Err(Error::Misuse("a window was submitted; collect it first".into()));
+        }
+        self.submit(measurement, schedule, None)?;
+        self.collect(result)
+    }
+}
+
+/// Looks inside of an executor: what its steps compute, and how long they take.
+pub trait Inspect: Executor {
+    /// Runs one window and shows each step with the tensors that it read and the one that it wrote, so that two executors
+    /// can be compared step by step.
     fn trace(
         &mut self,
         measurement: &[f32],
@@ -74,22 +88,17 @@ pub trait Executor: Send {
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()>;
 
-    /// Computes one window `windows` times in a row, and says how long that took: inference alone, since the
-    /// measurement is there before the clock starts, and no result is read.
+    /// Computes one window `windows` times in a row, and says how long that took: inference alone, since the measurement
+    /// is there before the clock starts, and no result is read.
+    ///
+    /// Of a plan for streams, a window that follows another one.
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime>;
 
-    /// Runs one window step by step, and gives the time that each one took, in the order of the plan.
-    ///
-    /// Of a plan for streams, the steps of a window that follows another one.
+    /// Runs one window step by step, and gives the time that each one took, in the order of [`Plan::usual_steps`].
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>>;
 
-    /// One line for reports, such as "cpu, 2 threads, f32, AVX2" or "Vulkan: llvmpipe, f32".
-    fn describe(&self) -> String;
-
     /// Steps whose results met a value that the precision cannot hold and so are stored in larger units, and the units.
-    fn rescaled(&self) -> Vec<(String, f32)> {
-        Vec::new()
-    }
+    fn rescaled(&self) -> Vec<(String, f32)>;
 }
 
 /// Refuses values of another number than a plan wants.

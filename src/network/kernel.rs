@@ -123,6 +123,16 @@ impl ConvolutionStep {
         }
     }
 
+    /// Number of the weight from input channel `i` to output channel `o` at tap t, y, x: what [`Self::place_of`] undoes.
+    pub fn index_of(&self, i: usize, o: usize, [t, y, x]: [usize; 3]) -> usize {
+        let [kt, ky, kx] = self.kernel;
+        let channels = match self.direction {
+            Direction::Forward => o * self.in_channels + i,
+            Direction::Transposed => i * self.out_channels + o,
+        };
+        ((channels * kt + t) * ky + y) * kx + x
+    }
+
     /// Largest magnitude of the weights to each output channel.
     pub fn largest_weights(&self) -> Vec<f32> {
         let mut largest = vec![0.0f32; self.out_channels];

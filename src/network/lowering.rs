@@ -1,6 +1,6 @@
 //! Lowering: how a model becomes the steps of a plan.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use super::model::Model;
 use super::op::operation::Parts;
 use super::op::relation::Relation;
 use super::pieces::{Group, Piece};
-use super::plan::{Carry, Following, Plan, Run, Step, View};
-use super::slots::{Allocation, Arrangement, Kept, indices};
+use super::plan::{Carry, Following, Footprint, Plan, Run, Step, TensorId, View};
+use super::slots::{Allocation, Arrangement, indices};
 use super::tensor::Shape;
 
 /// Most weights of the convolutions that copy, which a file of a few bytes can ask for.
@@ -45,18 +45,20 @@ impl Plan {
         Ok(Lowering::new(model, height, width, usize::MAX, false)?.plan())
     }
 
-    /// Values in each slot that [`Plan::lower`], [`Plan::in_pieces`] or [`Plan::streaming`] would plan for, without the many
-    /// steps of large frames; and whether windows that follow each other would compute only what is new.
-    pub fn slots_of(
+    /// What memory a plan of [`Plan::lower`], [`Plan::in_pieces`] or [`Plan::streaming`] would take, without the many steps
+    /// of large frames.
+    pub fn footprint(
         model: &Model,
         height: usize,
         width: usize,
         piece_bytes: usize,
         streams: bool,
-    ) -> Result<(Vec<usize>, bool), NetworkError> {
+    ) -> Result<Footprint, NetworkError> {
         check_size(&model.graph, height, width)?;
         let arrangement = Arrangement::new(&model.graph, height, width, piece_bytes, streams)?;
-        Ok((arrangement.slots, arrangement.following.is_some()))
+        let left = left(&model.graph, &arrangement);
+        let state = left.iter().map(|left| left.carry.written.len()).sum();
+        Ok(Footprint { state: arrangement.following.as_ref().map(|_| state), slots: arrangement.slots })
     }
 }
 
@@ -79,6 +81,15 @@ pub(super) struct Lowering<'a> {
     index_of: HashMap<&'a str, usize>,
     /// Whether the output has a frame for each one of the window.
     covers_window: bool,
+    /// What a window leaves for the following one.
+    left: Vec<Left>,
+}
+
+/// What a window leaves for the following one of a tensor.
+struct Left {
+    carry: Carry,
+    /// The nodes that write the tensor, first and last.
+    writers: [usize; 2],
 }
 
 /// Frames and rows of a tensor.
@@ -105,7 +116,8 @@ impl<'a> Lowering<'a> {
         let graph = &model.graph;
         let arrangement = Arrangement::new(graph, height, width, piece_bytes, streams)?;
         let covers_window = graph.shapes(height, width)?[graph.output.as_str()].t == graph.window.frames;
-        let lowering = Self { model, arrangement, index_of: indices(graph), covers_window };
+        let left = left(graph, &arrangement);
+        let lowering = Self { model, arrangement, index_of: indices(graph), covers_window, left };
         lowering.check_copies()?;
         Ok(lowering)
     }
@@ -126,6 +138,7 @@ impl<'a> Lowering<'a> {
             measurement: self.view(MEASUREMENT),
             result: self.result(),
             window: self.graph().window,
+            carries: self.left.into_iter().map(|left| left.carry).collect(),
             tensors: self.arrangement.tensors,
             slots: self.arrangement.slots,
         }
@@ -171,7 +184,8 @@ impl<'a> Lowering<'a> {
         Run {
             pieces,
             inner: inner.map(|tensor| (tensor.slot, tensor.len)).collect(),
-            carries: nodes().filter_map(|node| self.carry(&node.name)).collect(),
+            restores: self.left_by(|[first, _]| group.nodes.contains(&first)),
+            saves: self.left_by(|[_, last]| group.nodes.contains(&last)),
         }
     }
 
@@ -267,16 +281,9 @@ impl<'a> Lowering<'a> {
         view
     }
 
-    /// What the following window needs of a tensor.
-    fn carry(&self, name: &str) -> Option<Carry> {
-        let Arrangement { following, kept, .. } = &self.arrangement;
-        let count = *following.as_ref()?.carried.get(name)?;
-        let hop = self.graph().window.hop;
-        let all = self.view(name);
-        let written = all.frames(all.shape.t - count, count);
-        let wanted = all.frames(all.shape.t - hop - count, count);
-        let kept = kept.get(name).map(|&Kept { slot, stride }| View { slot, offset: 0, stride, ..written });
-        Some(Carry { written, kept, wanted })
+    /// Numbers of what is left of tensors whose first and last writer are such.
+    fn left_by(&self, such: impl Fn([usize; 2]) -> bool) -> Vec<usize> {
+        (0..self.left.len()).filter(|&index| such(self.left[index].writers)).collect()
     }
 
     /// The steps that copy into frames of a concatenation what is not written there straight away.
@@ -308,6 +315,28 @@ impl<'a> Lowering<'a> {
         }
         Ok(())
     }
+}
+
+/// What a window leaves for the following one: of each tensor the last frames that are read again.
+fn left(graph: &Graph, arrangement: &Arrangement<'_>) -> Vec<Left> {
+    let Arrangement { following, allocations, tensors, needed, .. } = arrangement;
+    // Parts of a concatenation have as many frames as the whole.
+    let mut tensors_left: BTreeMap<TensorId, (usize, usize)> = BTreeMap::new();
+    for (&name, &count) in following.iter().flat_map(|frames| &frames.carried) {
+        let (most, frames) = tensors_left.entry(allocations[name].tensor).or_default();
+        (*most, *frames) = (count.max(*most), needed[name].len());
+    }
+    let left = |(tensor, (count, frames)): (TensorId, (usize, usize))| {
+        let writes = |node: &Node| allocations.get(node.name.as_str()).is_some_and(|at| at.tensor == tensor);
+        let writers = [graph.nodes.iter().position(writes), graph.nodes.iter().rposition(writes)];
+        let frame = tensors[tensor.0].len / frames;
+        let frames_from = |first: usize| first * frame..(first + count) * frame;
+        let written = frames_from(frames - count);
+        let wanted = frames_from(frames - graph.window.hop - count);
+        let writers = writers.map(|node| node.expect("a tensor is the result of a node"));
+        Left { carry: Carry { tensor, written, wanted }, writers }
+    };
+    tensors_left.into_iter().map(left).collect()
 }
 
 /// The inputs of a concatenation that do not lie in their place there, where they lie, and where they go.

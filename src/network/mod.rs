@@ -16,18 +16,20 @@ mod pieces;
 mod plan;
 pub mod presets;
 mod slots;
+mod state;
 mod tensor;
 
 pub use error::NetworkError;
 pub(crate) use executor::check_len;
-pub use executor::{Executor, Precision, WindowTime};
+pub use executor::{Executor, Inspect, Precision, WindowTime};
 pub use graph::{Graph, Node, Window};
 pub use kernel::{
     Activation, Block, Channel, Convolution, ConvolutionStep, Direction, Feature, Kernel, Layer, Tap,
 };
 pub use model::{Model, Trained};
 pub use op::{Blend, Conv3d, ConvTranspose3d, Features, InverseResponse, Op};
-pub use plan::{Carry, Following, Plan, PlannedTensor, Run, Step, TensorId, View};
+pub use plan::{Carry, Following, Footprint, Plan, PlannedTensor, Run, Step, TensorId, View};
+pub use state::State;
 pub use tensor::{Shape, Tensor};
 
 pub use crate::math::MU;

@@ -86,19 +86,31 @@ pub struct Run {
     /// Slots of what is there for one piece at a time, and how many values of them that takes. A piece that has its own
     /// need not wait for another one.
     pub inner: Vec<(usize, usize)>,
-    /// What the run writes and the following window needs again.
-    pub carries: Vec<Carry>,
+    /// What the window before has left of tensors that the run writes, by number in [`Plan::carries`]: it has to be there
+    /// before the run, in a window that follows.
+    pub restores: Vec<usize>,
+    /// What the run has written of what the following window needs.
+    pub saves: Vec<usize>,
 }
 
-/// Frames of a tensor that a window leaves for the following one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Frames of a tensor that a window leaves for the following one, as values of the tensor's slot.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Carry {
-    /// Where they are when they were computed: the last ones of the tensor.
-    pub written: View,
-    /// Where they stay, if the tensor's slot is needed for other tensors: they are kept as soon as they are written.
-    pub kept: Option<View>,
+    /// The tensor.
+    pub tensor: TensorId,
+    /// Where they are when they were computed: the last ones.
+    pub written: Range<usize>,
     /// Where they are in the following window.
-    pub wanted: View,
+    pub wanted: Range<usize>,
+}
+
+/// What memory a plan takes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Footprint {
+    /// Values in each slot.
+    pub slots: Vec<usize>,
+    /// Values of a [`State`](super::State), where windows that follow each other compute only what is new.
+    pub state: Option<usize>,
 }
 
 /// The steps of a window right behind another one, which compute only frames that the other one has not.
@@ -106,7 +118,7 @@ pub struct Carry {
 pub struct Following {
     /// Steps in order.
     pub steps: Vec<Step>,
-    /// The same steps in runs; before each one, what it would have written of frames that are known is put there.
+    /// The same steps in runs.
     pub runs: Vec<Run>,
 }
 
@@ -121,6 +133,8 @@ pub struct Plan {
     pub runs: Vec<Run>,
     /// What a window right behind another one computes, where the plan is for streams.
     pub following: Option<Following>,
+    /// What a window leaves for the following one.
+    pub carries: Vec<Carry>,
     /// All tensors, the measurement first.
     pub tensors: Vec<PlannedTensor>,
     /// Size of each slot, in values.

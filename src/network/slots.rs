@@ -19,13 +19,6 @@ pub(super) struct Allocation {
     pub stride: usize,
 }
 
-/// Where frames of a tensor stay that does not keep its slot: in which slot, and how many values between pixels.
-#[derive(Clone, Copy)]
-pub(super) struct Kept {
-    pub slot: usize,
-    pub stride: usize,
-}
-
 /// Where the result of every node of a graph lies, and what is computed of it when.
 pub(super) struct Arrangement<'a> {
     /// Frames of each tensor that a window by itself computes; all of the measurement.
@@ -44,8 +37,6 @@ pub(super) struct Arrangement<'a> {
     pub slots: Vec<usize>,
     /// What a window computes that follows another one, if that is less than the other one.
     pub following: Option<FollowingFrames<'a>>,
-    /// Where frames stay that the following window needs, of tensors that do not keep their slot.
-    pub kept: HashMap<&'a str, Kept>,
 }
 
 impl<'a> Arrangement<'a> {
@@ -81,28 +72,8 @@ impl<'a> Arrangement<'a> {
             keep(group, graph, &allocations, &mut tensors);
         }
         let following = if streams { following_frames(graph, &needed, &groups)? } else { None };
-        let ends = tensors.iter().map(|tensor| *tensor.lifetime.end());
-        let end = ends.filter(|&last| last < usize::MAX).max();
-        let mut moved = Vec::new();
-        for (&name, &count) in following.iter().flat_map(|frames| &frames.carried) {
-            let tensor = &mut tensors[allocations[name].tensor.0];
-            if Some(*tensor.lifetime.end()) == end {
-                // Nobody would get its slot any more.
-                tensor.lifetime = 0..=usize::MAX;
-            }
-            if *tensor.lifetime.end() < usize::MAX {
-                moved.push((name, count));
-            }
-        }
-        let mut slots = assign_slots(&mut tensors);
-        let mut kept = HashMap::new();
-        for (name, count) in moved {
-            let Shape { y, x, c, .. } = shapes[name];
-            let stride = allocations[name].stride.min(c.next_multiple_of(4));
-            kept.insert(name, Kept { slot: slots.len(), stride });
-            slots.push(count * y * x * stride);
-        }
-        Ok(Self { needed, shapes, heights, groups, allocations, tensors, slots, following, kept })
+        let slots = assign_slots(&mut tensors);
+        Ok(Self { needed, shapes, heights, groups, allocations, tensors, slots, following })
     }
 }
 

@@ -8,7 +8,7 @@ use super::tiles::Limits;
 use crate::cpu::{CpuExecutor, Shared, Simd};
 use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options};
-use crate::network::{Executor, Plan, Precision};
+use crate::network::{Inspect, Plan, Precision};
 use crate::sensor::Calibration;
 use crate::system::{cache_folder, memory};
 use crate::{Error, Result};
@@ -85,7 +85,7 @@ impl Backend {
 
     /// An executor of `plan`. If it is to be `tuned`, a GPU takes a few seconds, once, to measure how its larger layers
     /// are computed best.
-    pub fn executor(&self, plan: Plan, calibration: &Calibration, tuned: bool) -> Result<Box<dyn Executor>> {
+    pub fn executor(&self, plan: Plan, calibration: &Calibration, tuned: bool) -> Result<Box<dyn Inspect>> {
         self.executor_sharing(plan, calibration, tuned, &Shared::default())
     }
 
@@ -96,7 +96,7 @@ impl Backend {
         calibration: &Calibration,
         tuned: bool,
         shared: &Shared<f32>,
-    ) -> Result<Box<dyn Executor>> {
+    ) -> Result<Box<dyn Inspect>> {
         Ok(match self {
             Self::Gpu(gpu, precision) => {
                 let folder = cache_folder().filter(|_| tuned);

@@ -1,4 +1,4 @@
-//! Self-ensemble: the mean of what a net makes of several views of a window in which the camera's pattern looks the
+//! Self-ensemble: the mean of what a net makes of several poses of a window in which the camera's pattern looks the
 //! same (Timofte, Rothe, Van Gool, Seven ways to improve example-based single image super resolution, 2016).
 
 use std::time::Duration;
@@ -7,58 +7,58 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::cpu::Tone;
-use crate::network::{Executor, Graph, NetworkError, Plan, Step, Tensor, Window, WindowTime};
+use crate::network::{Executor, Graph, Inspect, NetworkError, Plan, State, Step, Tensor, Window, WindowTime};
 use crate::sensor::{Calibration, Symmetry};
 
-/// The first `count` views of a recording that a net can be given, at least one: of its camera's symmetries, those that
+/// The first `count` poses in which a net can be shown a recording, at least one: of its camera's symmetries, those that
 /// change times only where the net treats all times alike, past and future too.
-pub fn views(graph: &Graph, calibration: &Calibration, count: usize) -> Result<Vec<Symmetry>> {
+pub fn poses(graph: &Graph, calibration: &Calibration, count: usize) -> Result<Vec<Symmetry>> {
     let Window { frames, lead, hop } = graph.window;
     let [step, ..] = graph.granularity()?;
     let timeless = step == 1 && frames - hop - lead == lead;
-    let usable = |view: &&Symmetry| timeless || (!view.backwards[0] && view.shift[0] == 0);
-    let mut views: Vec<Symmetry> = calibration.symmetries.iter().filter(usable).copied().collect();
-    if views.len() < count {
+    let usable = |pose: &&Symmetry| timeless || (!pose.backwards[0] && pose.shift[0] == 0);
+    let mut poses: Vec<Symmetry> = calibration.symmetries.iter().filter(usable).copied().collect();
+    if poses.len() < count {
         let problem =
-            format!("an ensemble of {count} views, but the pattern looks the same in {} only", views.len());
+            format!("an ensemble of {count} views, but the pattern looks the same in {} only", poses.len());
         return Err(NetworkError::Graph(graph.name.clone(), problem).into());
     }
-    views.truncate(count.max(1));
-    Ok(views)
+    poses.truncate(count.max(1));
+    Ok(poses)
 }
 
-/// Has an executor compute each window in several views.
+/// Has an executor compute each window in several poses.
 pub struct Ensemble {
-    executor: Box<dyn Executor>,
-    views: Vec<View>,
+    executor: Box<dyn Inspect>,
+    poses: Vec<Pose>,
     window: Window,
     extent: [usize; 2],
-    /// One over the number of views that show a pixel.
+    /// One over the number of poses that show a pixel.
     shares: Vec<f32>,
-    /// The measurement in a view, and a result in it.
+    /// The measurement in a pose, and a result in it.
     seen: Vec<f32>,
     result: Vec<f32>,
-    /// Sums of l over those views whose results were collected.
+    /// Sums of l over those poses whose results were collected.
     sums: Vec<f32>,
     submitted: usize,
     collected: usize,
 }
 
-/// A view of windows of one size.
-struct View {
+/// A pose of windows of one size.
+struct Pose {
     symmetry: Symmetry,
     rows: Vec<Place>,
     cols: Vec<Place>,
 }
 
-/// The row or column that a view shows; another one at the same place of the pattern stands in for one outside.
+/// The row or column that a pose shows; another one at the same place of the pattern stands in for one outside.
 #[derive(Clone, Copy)]
 struct Place {
     index: usize,
     inside: bool,
 }
 
-/// What a view shows in `size` rows or columns of a pattern that repeats after `period`, which `size` is a multiple of.
+/// What a pose shows in `size` rows or columns of a pattern that repeats after `period`, which `size` is a multiple of.
 fn places(symmetry: Symmetry, axis: usize, size: usize, period: usize) -> Vec<Place> {
     let [size, period, shift] = [size, period, symmetry.shift[axis]].map(|n| n as i64);
     // Backwards, the last one comes first that lies at the right place of the pattern.
@@ -79,37 +79,37 @@ fn places(symmetry: Symmetry, axis: usize, size: usize, period: usize) -> Vec<Pl
 }
 
 impl Ensemble {
-    /// The mean over `views` of what `executor` makes of windows of `extent` [rows, columns]: `executor` itself, where there
-    /// is one view.
+    /// The mean over `poses` of what `executor` makes of windows of `extent` [rows, columns]: `executor` itself, where there
+    /// is one pose.
     pub fn over(
-        executor: Box<dyn Executor>,
-        views: &[Symmetry],
+        executor: Box<dyn Inspect>,
+        poses: &[Symmetry],
         window: Window,
         extent: [usize; 2],
         calibration: &Calibration,
-    ) -> Box<dyn Executor> {
-        if views.len() == 1 && views[0] == Symmetry::IDENTITY {
+    ) -> Box<dyn Inspect> {
+        if poses.len() == 1 && poses[0] == Symmetry::IDENTITY {
             return executor;
         }
-        Box::new(Self::new(executor, views, window, extent, calibration))
+        Box::new(Self::new(executor, poses, window, extent, calibration))
     }
 
     fn new(
-        executor: Box<dyn Executor>,
-        views: &[Symmetry],
+        executor: Box<dyn Inspect>,
+        poses: &[Symmetry],
         window: Window,
         extent: [usize; 2],
         calibration: &Calibration,
     ) -> Self {
         let [height, width] = extent;
-        let view = |&symmetry: &Symmetry| View {
+        let pose = |&symmetry: &Symmetry| Pose {
             symmetry,
             rows: places(symmetry, 1, height, calibration.rows),
             cols: places(symmetry, 2, width, calibration.cols),
         };
-        let views: Vec<View> = views.iter().map(view).collect();
+        let poses: Vec<Pose> = poses.iter().map(pose).collect();
         let mut counts = vec![0.0f32; height * width];
-        for View { rows, cols, .. } in &views {
+        for Pose { rows, cols, .. } in &poses {
             for row in rows.iter().filter(|row| row.inside) {
                 for col in cols.iter().filter(|col| col.inside) {
                     counts[row.index * width + col.index] += 1.0;
@@ -119,7 +119,7 @@ impl Ensemble {
         let [seen, result] = [window.frames, window.hop].map(|frames| vec![0.0; frames * height * width]);
         Self {
             executor,
-            views,
+            poses,
             window,
             extent,
             shares: counts.into_iter().map(f32::recip).collect(),
@@ -131,9 +131,9 @@ impl Ensemble {
         }
     }
 
-    /// Puts a window in view `number` into `seen`, and returns its schedule time.
+    /// Puts a window in pose `number` into `seen`, and returns its schedule time.
     fn look(&mut self, number: usize, measurement: &[f32], schedule: i64) -> i64 {
-        let View { symmetry, rows, cols } = &self.views[number];
+        let Pose { symmetry, rows, cols } = &self.poses[number];
         let [height, width] = self.extent;
         let (frame, frames) = (height * width, self.window.frames);
         let backwards = symmetry.backwards[0];
@@ -151,7 +151,7 @@ impl Ensemble {
     /// Adds the next result to the sums.
     fn take(&mut self) -> Result<()> {
         self.executor.collect(&mut self.result)?;
-        let View { symmetry, rows, cols } = &self.views[self.collected];
+        let Pose { symmetry, rows, cols } = &self.poses[self.collected];
         let width = self.extent[1];
         let frame = self.shares.len();
         let tone = Tone::<f32>::new();
@@ -178,20 +178,34 @@ impl Executor for Ensemble {
         self.executor.plan()
     }
 
-    fn run(&mut self, measurement: &[f32], schedule: i64, result: &mut [f32]) -> Result<()> {
-        self.submit(measurement, schedule)?;
-        self.collect(result)
+    /// A state for each pose whose windows follow each other: those of one that runs backwards do not.
+    fn state(&self) -> Result<State> {
+        let own = |pose: &Pose| (!pose.symmetry.backwards[0]).then(|| self.executor.state()).transpose();
+        Ok(State::new(self.poses.iter().map(own).collect::<Result<Vec<_>>>()?))
     }
 
-    fn submit(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+    fn submit(&mut self, measurement: &[f32], schedule: i64, state: Option<&mut State>) -> Result<()> {
+        let mut alone = Vec::new();
+        let states: &mut Vec<Option<State>> = match state {
+            Some(state) => {
+                let follows = state.advance(schedule, self.window.hop);
+                let states: &mut Vec<Option<State>> = state.left()?;
+                if !follows {
+                    states.iter_mut().flatten().for_each(State::forget);
+                }
+                states
+            }
+            None => &mut alone,
+        };
         self.sums.fill(0.0);
         (self.submitted, self.collected) = (0, 0);
-        while self.submitted < self.views.len() {
-            if self.submitted - self.collected == self.executor.in_flight() {
+        while self.submitted < self.poses.len() {
+            if self.executor.waiting() == self.executor.in_flight() {
                 self.take()?;
             }
             let schedule = self.look(self.submitted, measurement, schedule);
-            self.executor.submit(&self.seen, schedule)?;
+            let own = states.get_mut(self.submitted).and_then(Option::as_mut);
+            self.executor.submit(&self.seen, schedule, own)?;
             self.submitted += 1;
         }
         Ok(())
@@ -215,7 +229,17 @@ impl Executor for Ensemble {
         1
     }
 
-    /// The steps of the first view.
+    fn waiting(&self) -> usize {
+        usize::from(self.collected < self.submitted)
+    }
+
+    fn describe(&self) -> String {
+        format!("{}, mean of {} views", self.executor.describe(), self.poses.len())
+    }
+}
+
+impl Inspect for Ensemble {
+    /// The steps of the first pose.
     fn trace(
         &mut self,
         measurement: &[f32],
@@ -227,16 +251,12 @@ impl Executor for Ensemble {
     }
 
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
-        self.executor.time_windows(measurement, schedule, windows * self.views.len())
+        self.executor.time_windows(measurement, schedule, windows * self.poses.len())
     }
 
-    /// The steps of one view.
+    /// The steps of one pose.
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
         self.executor.time_steps(measurement, schedule)
-    }
-
-    fn describe(&self) -> String {
-        format!("{}, mean of {} views", self.executor.describe(), self.views.len())
     }
 
     fn rescaled(&self) -> Vec<(String, f32)> {

@@ -8,7 +8,7 @@ use super::tiles::{Grid, Limits};
 use crate::Result;
 use crate::frame::Extent;
 use crate::math::lcm;
-use crate::network::{Graph, Model, NetworkError, Plan};
+use crate::network::{Footprint, Graph, Model, NetworkError, Plan};
 use crate::sensor::Calibration;
 
 /// Where windows follow each other, long ones save nothing but their own beginnings and ends. So they take about as many
@@ -103,10 +103,11 @@ pub fn fit(
     }
     let (_, mut model, mut grid) = best?;
     while lengths.streams && grid.count() == 1 {
-        let (slots, follows) = limits.slots(&model, grid.extent(), true)?;
+        let Footprint { slots, state } = limits.footprint(&model, grid.extent(), true)?;
+        let Some(state) = state else { break };
         let before = model.graph.window.hop;
         let hop = (before / 2).next_multiple_of(lengths.step).max(lengths.least).max(STREAM_FRAMES);
-        if hop >= before || !follows || 4 * slots.iter().sum::<usize>() <= STREAM_BYTES {
+        if hop >= before || 4 * (slots.iter().sum::<usize>() + state) <= STREAM_BYTES {
             break;
         }
         (_, model, grid) = candidate(hop)?;

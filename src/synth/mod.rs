@@ -23,7 +23,7 @@ pub mod tiles;
 pub mod windows;
 
 pub use backend::{Backend, ExecutorChoice};
-pub use ensemble::{Ensemble, views};
+pub use ensemble::{Ensemble, poses};
 pub use fit::fitted;
 pub use line::ResultFrame;
 pub use report::Report;

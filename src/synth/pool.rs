@@ -1,13 +1,14 @@
 //! Executors by the size of window that they are for.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry::{Occupied, Vacant};
 
 use super::Backend;
 use super::ensemble::Ensemble;
 use super::tiles::Limits;
 use crate::cpu::Shared;
 use crate::gpu::GpuError;
-use crate::network::{Executor, Model, Window};
+use crate::network::{Executor, Model, State, Window};
 use crate::sensor::{Calibration, Symmetry};
 use crate::{Error, Result};
 
@@ -26,20 +27,18 @@ pub struct Pool {
     /// The most frequent size.
     described: Option<Size>,
     limits: Limits,
-    /// The size of windows that mostly follow each other.
+    /// The size of windows that follow each other at each place of the frame.
     streams: Option<Size>,
-    /// Views of a window of which the mean is taken; one: the window as it is.
-    views: Vec<Symmetry>,
-    /// Size, place and schedule time of the window that was submitted last.
-    last: Option<(Size, [usize; 2], i64)>,
+    /// What those windows leave for each other, by their place (row, column) in the frame.
+    states: HashMap<[usize; 2], State>,
+    /// Poses of a window of which the mean is taken; one: the window as it is.
+    poses: Vec<Symmetry>,
     /// What CPU executors have in common.
     shared: Shared<f32>,
 }
 
 struct Entry {
     executor: Box<dyn Executor>,
-    /// Windows that were submitted and not yet collected.
-    waiting: usize,
     bytes: u64,
     /// Operations of most windows.
     flop: f64,
@@ -60,13 +59,13 @@ pub fn with_hop(model: &Model, hop: usize) -> Model {
 }
 
 impl Pool {
-    /// No executors yet. Windows of the size `streams` mostly follow each other, and results are means over `views`.
+    /// No executors yet. Windows of the size `streams` follow each other at each place, and results are means over `poses`.
     pub fn new(
         backend: &Backend,
         model: &Model,
         calibration: &Calibration,
         streams: Option<Size>,
-        views: Vec<Symmetry>,
+        poses: Vec<Symmetry>,
     ) -> Self {
         Self {
             backend: backend.clone(),
@@ -77,8 +76,8 @@ impl Pool {
             described: None,
             limits: backend.limits(None),
             streams,
-            views,
-            last: None,
+            states: HashMap::new(),
+            poses,
             shared: Shared::default(),
         }
     }
@@ -91,7 +90,7 @@ impl Pool {
             let model = with_hop(&self.model, hop);
             let plan = self.limits.plan(&model, [height, width], self.streams == Some(size))?;
             let (bytes, flop) = (plan.slot_bytes(size_of::<f32>()) as u64, plan.flop());
-            let flop = flop * self.views.len() as f64;
+            let flop = flop * self.poses.len() as f64;
             while self.entries.values().map(|entry| entry.bytes).sum::<u64>() + bytes > self.limits.total
                 && self.drop_oldest()
             {}
@@ -106,8 +105,8 @@ impl Pool {
                 }
             };
             let window = model.graph.window;
-            let executor = Ensemble::over(executor, &self.views, window, [height, width], &self.calibration);
-            self.entries.insert(size, Entry { executor, waiting: 0, bytes, flop, used: 0 });
+            let executor = Ensemble::over(executor, &self.poses, window, [height, width], &self.calibration);
+            self.entries.insert(size, Entry { executor, bytes, flop, used: 0 });
         }
         let entry = self.entries.get_mut(&size).expect("it was inserted above");
         entry.used = self.clock;
@@ -116,8 +115,11 @@ impl Pool {
 
     /// Forgets the executor that was not used for longest, of those that compute nothing; false if there is none.
     fn drop_oldest(&mut self) -> bool {
-        let idle = self.entries.iter().filter(|(_, entry)| entry.waiting == 0);
+        let idle = self.entries.iter().filter(|(_, entry)| entry.executor.waiting() == 0);
         let oldest = idle.min_by_key(|(_, entry)| entry.used).map(|(&size, _)| size);
+        if oldest.is_some() && oldest == self.streams {
+            self.states.clear();
+        }
         oldest.is_some_and(|size| self.entries.remove(&size).is_some())
     }
 
@@ -131,7 +133,7 @@ impl Pool {
 
     /// Whether a window of `size`, which was prepared for, can be submitted before one is collected.
     pub fn is_free(&self, size: Size) -> bool {
-        self.entries.get(&size).is_none_or(|entry| entry.waiting < entry.executor.in_flight())
+        self.entries.get(&size).is_none_or(|entry| entry.executor.waiting() < entry.executor.in_flight())
     }
 
     /// Starts to compute a window of `size` at a place (row, column) of the frame; see [`Executor::submit`]. Returns
@@ -143,42 +145,46 @@ impl Pool {
         measurement: &[f32],
         schedule: i64,
     ) -> Result<usize> {
-        let before = self.last.replace((size, place, schedule));
-        let entry = self.prepare(size)?;
-        if before == Some((size, place, schedule - size[0] as i64)) {
-            entry.executor.follow(measurement, schedule)?;
+        self.prepare(size)?;
+        let Self { entries, states, streams, .. } = self;
+        let executor = &mut entries.get_mut(&size).expect("it was prepared").executor;
+        let state = if *streams == Some(size) {
+            Some(match states.entry(place) {
+                Occupied(state) => state.into_mut(),
+                Vacant(place) => place.insert(executor.state()?),
+            })
         } else {
-            entry.executor.submit(measurement, schedule)?;
+            None
+        };
+        if let Err(error) = executor.submit(measurement, schedule, state) {
+            states.clear();
+            return Err(error);
         }
-        entry.waiting += 1;
-        Ok(entry.executor.in_flight())
+        Ok(executor.in_flight())
     }
 
     /// The result of the window of `size` that was submitted first.
     pub fn collect(&mut self, size: Size, result: &mut [f32]) -> Result<()> {
         if let Some(entry) = self.entries.get_mut(&size) {
             entry.executor.collect(result)?;
-            entry.waiting -= 1;
         }
         Ok(())
     }
 
     /// Forgets all executors, which may be in any state.
     pub fn clear(&mut self) {
-        self.last = None;
+        self.states.clear();
         self.entries.clear();
     }
 
     /// Forgets all windows that were not collected, and executors that cannot give them.
     pub fn reset(&mut self) {
-        self.last = None;
+        self.states.clear();
         let mut unwanted = Vec::new();
         self.entries.retain(|size, entry| {
             unwanted.resize(size.iter().product(), 0.0);
-            while entry.waiting > 0 && entry.executor.collect(&mut unwanted).is_ok() {
-                entry.waiting -= 1;
-            }
-            entry.waiting == 0
+            while entry.executor.waiting() > 0 && entry.executor.collect(&mut unwanted).is_ok() {}
+            entry.executor.waiting() == 0
         });
     }
 }

@@ -27,7 +27,7 @@ pub struct Settings {
     /// Result frames of a window, in place of the net's own number.
     pub hop: Option<usize>,
     /// Views in which the camera's pattern looks the same, of whose results the mean is taken (see
-    /// [`views`](super::views)); 0 or 1: the recording as it is.
+    /// [`poses`](super::poses)); 0 or 1: the recording as it is.
     pub ensemble: usize,
 }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::Backend;
-use super::ensemble::views;
+use super::ensemble::poses;
 use super::fit::{fit, lengths};
 use super::footage::{Footage, Seen};
 use super::layout::Layout;
@@ -83,9 +83,10 @@ impl Synthesizer {
         let extent = extent.into();
         model.graph.check_renders_video()?;
         let skip = settings.skip;
-        let views = views(&model.graph, &calibration, settings.ensemble)?;
+        let poses = poses(&model.graph, &calibration, settings.ensemble)?;
         let lengths = lengths(&model.graph, &calibration, settings)?;
-        let (model, grid) = &fit(model, &calibration, extent, backend.limits(settings.tile), &lengths)?;
+        let limits = backend.limits(settings.tile);
+        let (model, grid) = &fit(model, &calibration, extent, limits, &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
         let exact = Cut::exact(&model.graph, &calibration)?;
         let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &calibration);
@@ -93,9 +94,8 @@ impl Synthesizer {
         let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let whole = layout.whole(hop);
-        // One tile's windows follow each other; those of several ones, or views, take turns.
-        let streams = (whole.len() == 1 && views.len() == 1).then(|| whole[0].size());
-        let mut pool = Pool::new(backend, model, &calibration, streams, views);
+        let streams = limits.stream(model, &grid, &poses)?.then(|| whole[0].size());
+        let mut pool = Pool::new(backend, model, &calibration, streams, poses);
         // What cannot work is said before anything is read. All tiles have one size.
         let (executor, flop) = pool.describe(whole[0].size())?;
         let flop = flop * whole.len() as f64 / hop as f64;

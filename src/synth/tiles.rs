@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use crate::Result;
-use crate::network::{Graph, Model, NetworkError, Plan};
-use crate::sensor::Calibration;
+use crate::network::{Footprint, Graph, Model, NetworkError, Plan};
+use crate::sensor::{Calibration, Symmetry};
 
 /// A stretch of rows or columns: what is computed, and what of it is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,15 +58,24 @@ impl Limits {
         }
     }
 
-    /// What [`Plan::slots_of`] says of that plan.
-    pub fn slots(
+    /// What memory that plan takes.
+    pub fn footprint(
         &self,
         model: &Model,
         [height, width]: [usize; 2],
         streams: bool,
-    ) -> Result<(Vec<usize>, bool), NetworkError> {
+    ) -> Result<Footprint, NetworkError> {
         let streams = streams && self.piece.is_some();
-        Plan::slots_of(model, height, width, self.piece.unwrap_or(usize::MAX), streams)
+        Plan::footprint(model, height, width, self.piece.unwrap_or(usize::MAX), streams)
+    }
+
+    /// Whether windows compute only what is new: if those of each tile of `grid`, in each of `poses` that does not run
+    /// backwards, can have a state.
+    pub fn stream(&self, model: &Model, grid: &Grid, poses: &[Symmetry]) -> Result<bool, NetworkError> {
+        let sequences = grid.count() * poses.iter().filter(|pose| !pose.backwards[0]).count();
+        let Footprint { slots, state } = self.footprint(model, grid.tile_extent(), true)?;
+        let values = state.map(|state| slots.iter().sum::<usize>() + sequences * state);
+        Ok(values.is_some_and(|values| 4 * values as u64 <= self.total))
     }
 }
 
@@ -85,9 +94,9 @@ impl Grid {
         loop {
             let [rows, cols] = [cut.stretches(0, height, parts[0]), cut.stretches(1, width, parts[1])];
             let grid = Self { rows, cols, extent: [height, width] };
-            let (slots, _) = limits.slots(model, grid.tile_extent(), parts == [1, 1])?;
+            let Footprint { slots, state } = limits.footprint(model, grid.tile_extent(), parts == [1, 1])?;
             let largest = 4 * slots.iter().max().copied().unwrap_or(0) as u64;
-            let total = 4 * slots.iter().sum::<usize>() as u64;
+            let total = 4 * (slots.iter().sum::<usize>() + state.unwrap_or(0)) as u64;
             if largest <= limits.buffer && total <= limits.total {
                 return Ok(grid);
             }
@@ -201,6 +210,34 @@ impl Cut {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::presets;
+    use crate::sensor::{Form, Pattern, Response};
+
+    #[test]
+    fn tiles_and_poses_stream_if_memory_allows() {
+        let model = Model::random(presets::by_name("tiny").unwrap().graph().unwrap(), 0).unwrap();
+        let pattern = Pattern::built_in("mpve-1-4").unwrap();
+        let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64).unwrap();
+        let calibration = Calibration::new(&pattern, &response);
+        let limits = |total| Limits { buffer: u64::MAX, total, piece: Some(2 << 20), side: Some(64) };
+        let grid = Grid::fit(&model, &calibration, [128, 128], limits(u64::MAX)).unwrap();
+        assert_eq!(grid.count(), 4);
+        let Footprint { slots, state } =
+            limits(u64::MAX).footprint(&model, grid.tile_extent(), true).unwrap();
+        let poses: Vec<Symmetry> =
+            calibration.symmetries.iter().filter(|pose| !pose.backwards[0]).copied().collect();
+        for count in [1, poses.len()] {
+            let values = slots.iter().sum::<usize>() + 4 * count * state.unwrap();
+            let streams = |bytes| limits(bytes).stream(&model, &grid, &poses[..count]).unwrap();
+            assert!(streams(4 * values as u64) && !streams(4 * values as u64 - 1));
+        }
+        // What runs backwards needs no state, and shaders have no pieces.
+        let all = calibration.symmetries.as_slice();
+        let values = slots.iter().sum::<usize>() + 4 * poses.len() * state.unwrap();
+        assert!(all.len() > poses.len() && limits(4 * values as u64).stream(&model, &grid, all).unwrap());
+        let whole = Limits { piece: None, ..limits(u64::MAX) };
+        assert!(!whole.stream(&model, &grid, &poses).unwrap());
+    }
 
     #[test]
     fn a_placed_stretch_sees_all_that_it_needs() {

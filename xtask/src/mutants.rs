@@ -31,9 +31,9 @@ const MUTANTS: [Mutant; 23] = [
     },
     Mutant {
         what: "rows and columns of kernels are swapped",
-        file: "src/cpu/conv3d.rs",
-        sound: "* ky + y) * kx + x]",
-        faulty: "* kx + x) * ky + y]",
+        file: "src/network/kernel.rs",
+        sound: "* ky + y) * kx + x\n",
+        faulty: "* kx + x) * ky + y\n",
         test: ["cpu_convolution", "convolutions_are_their_definition"],
     },
     Mutant {
@@ -60,8 +60,8 @@ const MUTANTS: [Mutant; 23] = [
     Mutant {
         what: "a window takes over frames of the one before at the wrong place",
         file: "src/network/lowering.rs",
-        sound: "let wanted = all.frames(all.shape.t - hop - count, count);",
-        faulty: "let wanted = all.frames((all.shape.t - hop - count).saturating_sub(1), count);",
+        sound: "let wanted = frames_from(frames - graph.window.hop - count);",
+        faulty: "let wanted = frames_from((frames - graph.window.hop - count).saturating_sub(1));",
         test: ["cpu_executor", "a_window_that_follows_computes_what_is_new_and_the_same"],
     },
     Mutant {
