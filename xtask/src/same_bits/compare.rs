@@ -8,11 +8,17 @@ use serde_json::Value;
 
 use crate::Result;
 
-/// Keys of reports that are left out, wherever they stand: times, which differ from run to run, and the version of the
-/// program, which says who computed and not what. Everything else has to be the same, names of executors and counts of
+/// Keys of reports that are left out, wherever they stand: times, which differ from run to run, operations, of which a
+/// program may need fewer for the same result, and the version of the program, which says who computed and not what. Everything else has to be the same, names of executors and counts of
 /// windows, tiles and skipped cells included.
-const LEFT_OUT: [&str; 5] =
-    ["seconds", "inference_seconds", "ms_per_frame_median", "ms_per_frame_end_to_end", "version"];
+const LEFT_OUT: [&str; 6] = [
+    "seconds",
+    "inference_seconds",
+    "ms_per_frame_median",
+    "ms_per_frame_end_to_end",
+    "gflop_per_frame",
+    "version",
+];
 
 /// Names of files that are reports: compared as JSON without [`LEFT_OUT`]. All others are compared byte for byte.
 pub const REPORTS: [&str; 2] = ["report.json", "printed.json"];
