@@ -23,9 +23,9 @@ pub const INDEX: &str = "dataset.json";
 /// Cubes per file.
 const SHARD: usize = 256;
 
-/// What to make.
+/// What to make of scenes.
 #[derive(Clone, Debug)]
-pub struct Request {
+pub struct Recipe {
     /// Pattern of the camera.
     pub pattern: Pattern,
     /// Response of the camera.
@@ -46,9 +46,9 @@ pub struct Request {
     pub seed: u64,
 }
 
-/// Where scenes come from.
+/// What cubes are cut from.
 #[derive(Clone, Debug)]
-pub enum Source {
+pub enum Scenes {
     /// Views of panoramas that move, with objects in front.
     Panoramas(Vec<Arc<Panorama>>),
     /// Crops of videos, by name. Their frames are taken as if they followed each other at the camera's rate.
@@ -84,25 +84,23 @@ struct Cube {
 
 /// Writes a data set into `folder`; `progress` hears of every finished shard. Returns the files written.
 ///
-/// The same request gives the same files on any number of threads.
+/// The same recipe gives the same files on any number of threads.
 pub fn write(
-    request: &Request,
-    source: &Source,
+    recipe: &Recipe,
+    scenes: &Scenes,
     folder: &Path,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<PathBuf>> {
-    if request.cubes == 0 || request.extent.contains(&0) || source.names().is_empty() {
+    if recipe.cubes == 0 || recipe.extent.contains(&0) || scenes.names().is_empty() {
         return Err(Error::Usage("a data set needs scenes, cubes, and an extent".into()));
     }
-    source.check(request.extent)?;
+    scenes.check(recipe.extent)?;
     let mut shards = Vec::new();
     let mut files = Vec::new();
-    for first in (0..request.cubes).step_by(SHARD) {
-        let count = SHARD.min(request.cubes - first);
-        let cubes: Vec<Cube> = (first..first + count)
-            .into_par_iter()
-            .map(|i| cube(request, source, i))
-            .collect::<Result<_>>()?;
+    for first in (0..recipe.cubes).step_by(SHARD) {
+        let count = SHARD.min(recipe.cubes - first);
+        let cubes: Vec<Cube> =
+            (first..first + count).into_par_iter().map(|i| cube(recipe, scenes, i)).collect::<Result<_>>()?;
         let number = shards.len();
         let shard = Shard {
             truth: format!("truth-{number:03}.npy"),
@@ -110,7 +108,7 @@ pub fn write(
             info: format!("info-{number:03}.json"),
             cubes: count,
         };
-        let [t, y, x] = request.extent;
+        let [t, y, x] = recipe.extent;
         let truth: Vec<f16> =
             cubes.iter().flat_map(|cube| cube.truth.data.iter().map(|&p| f16::from_f32(p))).collect();
         let counts = Counts::U16(cubes.iter().flat_map(|cube| cube.counts.iter().copied()).collect());
@@ -123,7 +121,7 @@ pub fn write(
         progress(first + count);
     }
     let index = folder.join(INDEX);
-    write_bytes(&index, &json(&index_of(request, source, &shards)?)?)?;
+    write_bytes(&index, &json(&index_of(recipe, scenes, &shards)?)?)?;
     files.push(index);
     Ok(files)
 }
@@ -132,14 +130,14 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>> {
     Ok(serde_json::to_vec(value)?)
 }
 
-fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serde_json::Value> {
-    let sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
+fn index_of(recipe: &Recipe, scenes: &Scenes, shards: &[Shard]) -> Result<serde_json::Value> {
+    let sampler = Sampler::new(recipe.pattern.clone(), recipe.form.clone())?;
     let calibration = Calibration::new(sampler.pattern(), sampler.response());
-    let [frames, height, width] = request.extent;
+    let [frames, height, width] = recipe.extent;
     let mut index = serde_json::json!({
         "format": "pix2hdr-dataset/1",
-        "pattern": request.pattern.name(),
-        "response": request.form,
+        "pattern": recipe.pattern.name(),
+        "response": recipe.form,
         "period": calibration.period,
         "rows": calibration.rows,
         "cols": calibration.cols,
@@ -148,22 +146,22 @@ fn index_of(request: &Request, source: &Source, shards: &[Shard]) -> Result<serd
         "saturation": sampler.response().saturation(),
         "inverse_response": calibration.inverse_response,
         "bit_depth": sampler.bit_depth,
-        "schedule_start": request.schedule_start,
-        "cubes": request.cubes,
+        "schedule_start": recipe.schedule_start,
+        "cubes": recipe.cubes,
         "frames": frames,
         "height": height,
         "width": width,
-        "seed": request.seed,
-        "scenes": source.names(),
+        "seed": recipe.seed,
+        "scenes": scenes.names(),
         "shards": shards,
     });
-    if request.black_level > 0 {
-        index["black_level"] = request.black_level.into();
+    if recipe.black_level > 0 {
+        index["black_level"] = recipe.black_level.into();
     }
     Ok(index)
 }
 
-impl Source {
+impl Scenes {
     /// All videos in the folders of `folder`, one folder of EXR pictures each.
     pub fn read_videos(folder: &Path) -> Result<Self> {
         let mut videos = Vec::new();
@@ -249,15 +247,15 @@ fn crop(videos: &[(String, Pictures)], [frames, height, width]: [usize; 3], seed
 }
 
 /// Cube number `index`: a random clip seen by a camera with random noise and errors of calibration.
-fn cube(request: &Request, source: &Source, index: usize) -> Result<Cube> {
-    let seed = request.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(index as u64);
-    let (mut truth, kind) = source.clip(request.extent, seed)?;
+fn cube(recipe: &Recipe, scenes: &Scenes, index: usize) -> Result<Cube> {
+    let seed = recipe.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(index as u64);
+    let (mut truth, kind) = scenes.clip(recipe.extent, seed)?;
     truth.normalise();
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(!seed));
     // The user's exposure is not always set to the anchor: darker, or with more in saturation.
     let exposure_gain = if draw.chance(0.5) { 1.0 } else { draw.log_within(0.2, 2.0) };
     truth.data.iter_mut().for_each(|p| *p = (*p * exposure_gain).min(1.0));
-    let ([least_well, most_well], [least_noise, most_noise]) = (request.full_well_e, request.read_noise_e);
+    let ([least_well, most_well], [least_noise, most_noise]) = (recipe.full_well_e, recipe.read_noise_e);
     let noise = Noise {
         full_well_e: f64::from(draw.log_within(least_well, most_well)),
         // In octaves, which for 1 to 8 e⁻ gives the bits that cubes have always had.
@@ -271,10 +269,10 @@ fn cube(request: &Request, source: &Source, index: usize) -> Result<Cube> {
         let black_error = if draw.chance(0.5) { size } else { -size };
         (f64::from(black_error), f64::from(draw.within(-0.03, 0.03)))
     };
-    let mut sampler = Sampler::new(request.pattern.clone(), request.form.clone())?;
-    (sampler.noise, sampler.seed, sampler.schedule_start) = (noise, seed, request.schedule_start);
+    let mut sampler = Sampler::new(recipe.pattern.clone(), recipe.form.clone())?;
+    (sampler.noise, sampler.seed, sampler.schedule_start) = (noise, seed, recipe.schedule_start);
     (sampler.black_level, sampler.black_error, sampler.gain_error) =
-        (request.black_level, black_error, gain_error);
+        (recipe.black_level, black_error, gain_error);
     let Counts::U16(counts) = sampler.sample(&truth)?.counts else {
         unreachable!("the sampler writes 16 bits")
     };
@@ -300,7 +298,7 @@ mod tests {
     #[test]
     fn crops_of_videos_keep_neighbours_in_space_and_time() {
         let folder = folder_of_videos(3);
-        let Source::Videos(videos) = Source::read_videos(folder.path()).unwrap() else { unreachable!() };
+        let Scenes::Videos(videos) = Scenes::read_videos(folder.path()).unwrap() else { unreachable!() };
         let mut steps = std::collections::BTreeSet::new();
         for seed in 0..40 {
             let video = crop(&videos, [7, 4, 3], seed).unwrap();
@@ -320,16 +318,16 @@ mod tests {
     #[test]
     fn one_picture_is_a_still_and_small_ones_are_refused() {
         let folder = folder_of_videos(1);
-        let source = Source::read_videos(folder.path()).unwrap();
-        let (video, kind) = source.clip([5, 4, 4], 1).unwrap();
+        let scenes = Scenes::read_videos(folder.path()).unwrap();
+        let (video, kind) = scenes.clip([5, 4, 4], 1).unwrap();
         assert!((1..5).all(|t| video.frame(t) == video.frame(0)) && kind == "video");
-        assert!(source.check([5, 7, 4]).unwrap_err().to_string().contains("clip"));
-        assert!(Source::read_videos(&folder.path().join("clip")).is_err());
+        assert!(scenes.check([5, 7, 4]).unwrap_err().to_string().contains("clip"));
+        assert!(Scenes::read_videos(&folder.path().join("clip")).is_err());
     }
 
-    /// A request for one small cube of a video from cameras with these full wells.
-    fn request(full_well_e: [f32; 2], black_level: u16) -> Request {
-        Request {
+    /// A recipe for one small cube of a video from cameras with these full wells.
+    fn recipe(full_well_e: [f32; 2], black_level: u16) -> Recipe {
+        Recipe {
             pattern: Pattern::built_in("mpve-1-4").unwrap(),
             form: Form::Linear,
             cubes: 1,
@@ -345,8 +343,8 @@ mod tests {
     #[test]
     fn cameras_lie_in_their_ranges_and_see_the_same_scenes() {
         let folder = folder_of_videos(3);
-        let source = Source::read_videos(folder.path()).unwrap();
-        let of = |full_well_e, index| cube(&request(full_well_e, 64), &source, index).unwrap();
+        let scenes = Scenes::read_videos(folder.path()).unwrap();
+        let of = |full_well_e, index| cube(&recipe(full_well_e, 64), &scenes, index).unwrap();
         let mut below = 0;
         for index in 0..40 {
             let (many, one) = (of([100.0, 20_000.0], index), of([200.0, 200.0], index));
@@ -362,8 +360,8 @@ mod tests {
     #[test]
     fn the_index_tells_a_pedestal() {
         let folder = folder_of_videos(3);
-        let source = Source::read_videos(folder.path()).unwrap();
-        let index = |black_level| index_of(&request([300.0, 300.0], black_level), &source, &[]).unwrap();
+        let scenes = Scenes::read_videos(folder.path()).unwrap();
+        let index = |black_level| index_of(&recipe([300.0, 300.0], black_level), &scenes, &[]).unwrap();
         assert_eq!(index(64)["black_level"], 64);
         assert_eq!(index(0).get("black_level"), None);
     }

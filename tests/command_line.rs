@@ -52,6 +52,55 @@ fn the_whole_chain_runs_on_the_cpu() {
     }
 }
 
+/// A camera by name, of which single options replace what it says; the capture says all of it.
+#[test]
+fn cameras_to_simulate_have_names_and_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let truth = path("truth.npy");
+    video::write(&truth, &Video::black(9, 8, 8), Writing::default()).unwrap();
+    let described = |options: &[&str]| -> serde_json::Value {
+        let out = path("capture");
+        succeeds(&[&["sample", &truth, "--out", &out, "--overwrite"], options].concat());
+        serde_json::from_str(&fs::read_to_string(Path::new(&out).join("capture.json")).unwrap()).unwrap()
+    };
+    let fields = |capture: &serde_json::Value| {
+        ["full_well_e", "read_noise_e", "black_level", "white_level", "frame_period_ms"]
+            .map(|key| capture[key].as_f64().unwrap_or(f64::NAN))
+    };
+    assert_eq!(fields(&described(&[])), [9000.0, 2.67, 0.0, 1023.0, 1.0]);
+    assert_eq!(fields(&described(&["--camera", "pe-cmos"])), [200.0, 2.67, 48.0, 1023.0, 1.0]);
+    let options = [
+        "--camera",
+        "pe-cmos",
+        "--pedestal",
+        "64",
+        "--full-well",
+        "300",
+        "--bit-depth",
+        "12",
+        "--frame-period",
+        "0.5",
+    ];
+    assert_eq!(fields(&described(&options)), [300.0, 2.67, 64.0, 4095.0, 0.5]);
+    let mine = path("mine.json");
+    fs::write(&mine, r#"{"read_noise_e": 1.5, "response": {"gamma": 2.2}}"#).unwrap();
+    let capture = described(&["--camera", &mine]);
+    assert_eq!(fields(&capture), [9000.0, 1.5, 0.0, 1023.0, 1.0]);
+    assert_eq!(capture["response"]["gamma"], 2.2);
+    assert!(described(&["--full-well", "0"]).get("full_well_e").is_none());
+    // What cannot be is said in a line.
+    for (options, words) in [
+        (["--camera", "pe"], "pe-cmos"),
+        (["--pedestal", "1023"], "black level 1023"),
+        (["--frame-period", "0"], "frame period"),
+        (["--schedule-start", "9223372036854775807"], "schedule start"),
+    ] {
+        let out = path("other");
+        fails(&[&["sample", &truth, "--out", &out], &options[..]].concat(), &[words], Path::new(&out));
+    }
+}
+
 #[test]
 fn the_demo_writes_all_that_it_promises() {
     let folder = tempfile::tempdir().unwrap();

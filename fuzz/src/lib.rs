@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Graph, Model, Plan};
-use pix2hdr::sensor::{Calibration, CaptureFile, Defects, Form, Pattern, Response, check_exposure_ratio};
+use pix2hdr::sensor::{
+    Calibration, CameraModel, CaptureFile, Defects, Form, Pattern, Response, check_exposure_ratio,
+};
 use pix2hdr::video;
 use serde_json::Map;
 
@@ -52,11 +54,13 @@ pub enum Reader {
     Response,
     /// A list of dead pixels.
     DeadPixels,
+    /// A camera to simulate.
+    Camera,
 }
 
 impl Reader {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::CaptureJson,
         Self::CaptureArray,
         Self::Npy,
@@ -67,6 +71,7 @@ impl Reader {
         Self::Pattern,
         Self::Response,
         Self::DeadPixels,
+        Self::Camera,
     ];
 
     /// Its name in reports.
@@ -82,12 +87,13 @@ impl Reader {
             Self::Pattern => "pattern",
             Self::Response => "response",
             Self::DeadPixels => "dead-pixels",
+            Self::Camera => "camera",
         }
     }
 
     /// Whether its files are text.
     pub fn is_text(self) -> bool {
-        matches!(self, Self::CaptureJson | Self::Graph | Self::Pattern | Self::Response | Self::DeadPixels)
+        !matches!(self, Self::CaptureArray | Self::Npy | Self::Exr | Self::Radiance | Self::Weights)
     }
 }
 
@@ -125,6 +131,7 @@ impl Desk {
             Reader::Pattern => "pattern.json",
             Reader::Response => "response.csv",
             Reader::DeadPixels => "dead.txt",
+            Reader::Camera => "camera.json",
         })
     }
 
@@ -190,6 +197,24 @@ impl Desk {
                     let pattern = Pattern::built_in("mpve-1-4").expect("a built-in pattern");
                     match Defects::new(&pattern, [6, 8], &pixels, None) {
                         Ok(_) => true,
+                        Err(error) => told(&error),
+                    }
+                }
+                Err(error) => told(&error),
+            },
+            Reader::Camera => match CameraModel::load(&path.display().to_string()) {
+                Ok(camera) => {
+                    let pattern = Pattern::built_in("mpve-1-4").expect("a built-in pattern");
+                    match camera
+                        .sampler(pattern)
+                        .map_err(Into::into)
+                        .and_then(|camera| camera.sample(&seeds::ramp(9, 6, 8)))
+                    {
+                        Ok(capture) => {
+                            let values = capture.measurement();
+                            assert!(values.data.iter().all(|y| (0.0..=1.0).contains(y)), "{camera:?}");
+                            true
+                        }
                         Err(error) => told(&error),
                     }
                 }

@@ -15,12 +15,13 @@ pub fn capture() -> Capture {
     sampler.sample(&ramp(11, 6, 8)).expect("a capture")
 }
 
-fn ramp(frames: usize, height: usize, width: usize) -> Video {
+/// A video that rises from pixel to pixel.
+pub fn ramp(frames: usize, height: usize, width: usize) -> Video {
     let pixel = |i: usize| (i % 97) as f32 / 90.0;
     Video::new(frames, height, width, (0..frames * height * width).map(pixel).collect()).expect("a video")
 }
 
-/// Files that `reader` can read, or nearly.
+/// Files that `reader` can read, or nearly. Long because it is data: the files of one reader after the other.
 pub fn of(reader: Reader) -> Vec<Vec<u8>> {
     let folder = tempfile::tempdir().expect("a folder");
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository");
@@ -128,6 +129,10 @@ pub fn of(reader: Reader) -> Vec<Vec<u8>> {
             "x,y\n0,10\n1,40\n2.5,60\n8,250\n",
             "# measured\n0;0\n0.1;0.1\n1e3;1\n",
             "0\t0\n1\t1e-300\n2\t1\n",
+        ]),
+        Reader::Camera => texts(&[
+            r#"{"full_well_e": 200, "read_noise_e": 2.67, "black_level": 48, "bit_depth": 10, "frame_period_ms": 1, "response": "linear"}"#,
+            r#"{"full_well_e": null, "bit_depth": 16, "response": {"table": [[0, 0], [0.25, 0.5], [1, 1]]}}"#,
         ]),
         Reader::DeadPixels => texts(&["row,column\n0,0\n5,7\n", "# hot\n2 3\n\n4\t1\n"]),
     }

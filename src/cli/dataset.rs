@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::dataset::{self, Request, Source};
+use crate::dataset::{self, Recipe, Scenes};
 use crate::scene::Panorama;
-use crate::sensor::{Pattern, Sampler};
+use crate::sensor::{CameraModel, Pattern, Sampler};
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
@@ -37,18 +37,22 @@ pub struct Dataset {
     /// Sampling pattern: a built-in name or a JSON file
     #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
     pattern: String,
-    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file
-    #[arg(long, default_value = "linear", value_parser = parse_response, value_name = "CURVE")]
-    response: ResponseOption,
+    /// Camera of all cubes: default, pe-cmos, or a JSON file. The options below replace what it says
+    #[arg(long, value_name = "NAME|FILE")]
+    camera: Option<String>,
+    /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file [default: linear]
+    #[arg(long, value_parser = parse_response, value_name = "CURVE")]
+    response: Option<ResponseOption>,
     /// Electrons at y = 1: each cube's camera has another full well in this range, evenly drawn in its logarithm
-    #[arg(long, default_value = "300..18000", value_parser = positive_range, value_name = "LOW..HIGH")]
-    full_well: [f32; 2],
-    /// Read noise in electrons rms, in the same way
-    #[arg(long, default_value = "1..8", value_parser = positive_range, value_name = "LOW..HIGH")]
-    read_noise: [f32; 2],
-    /// Count of 1023 at which black lies. Above 0, counts keep noise below black
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(..1023), value_name = "COUNT")]
-    pedestal: u16,
+    /// [default: 300..18000]
+    #[arg(long, value_parser = positive_range, value_name = "LOW..HIGH")]
+    full_well: Option<[f32; 2]>,
+    /// Read noise in electrons rms, in the same way [default: 1..8]
+    #[arg(long, value_parser = positive_range, value_name = "LOW..HIGH")]
+    read_noise: Option<[f32; 2]>,
+    /// Count of 1023 at which black lies. Above 0, counts keep noise below black [default: 0]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(..1023), value_name = "COUNT")]
+    pedestal: Option<u16>,
     /// Schedule time of each cube's first frame; windows must fit behind it
     #[arg(long, default_value_t = 4, allow_hyphen_values = true, value_name = "FRAME")]
     schedule_start: i64,
@@ -72,35 +76,47 @@ fn positive_range(text: &str) -> std::result::Result<[f32; 2], String> {
 impl Dataset {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
-        let request = Request {
+        let camera = self.camera.as_deref().map(CameraModel::load).transpose()?.unwrap_or_default();
+        if camera.bit_depth != CameraModel::default().bit_depth {
+            return Err(Error::Usage(format!("cubes have 10 bits, the camera has {}", camera.bit_depth)));
+        }
+        // All cubes have the noise of a camera that is named.
+        let range =
+            |given: Option<[f32; 2]>, drawn: [f32; 2], own: Option<f64>| match (given, own, &self.camera) {
+                (Some(range), ..) => Ok(range),
+                (None, _, None) => Ok(drawn),
+                (None, Some(own), Some(_)) if own > 0.0 => Ok([own as f32; 2]),
+                _ => Err(Error::Usage("cubes need a camera with shot noise and read noise".into())),
+            };
+        let recipe = Recipe {
             pattern: Pattern::load(&self.pattern)?,
-            form: self.response.form()?,
+            form: self.response.as_ref().map_or_else(|| Ok(camera.response.clone()), ResponseOption::form)?,
             cubes: self.cubes,
             extent: [self.frames, self.size, self.size],
-            full_well_e: self.full_well,
-            read_noise_e: self.read_noise,
-            black_level: self.pedestal,
+            full_well_e: range(self.full_well, [300.0, 18_000.0], camera.full_well_e)?,
+            read_noise_e: range(self.read_noise, [1.0, 8.0], Some(camera.read_noise_e))?,
+            black_level: self.pedestal.unwrap_or(camera.black_level),
             schedule_start: self.schedule_start,
             seed: self.seed,
         };
-        Sampler::new(request.pattern.clone(), request.form.clone())?;
+        Sampler::new(recipe.pattern.clone(), recipe.form.clone())?;
         if self.out.join(dataset::INDEX).exists() {
             return Err(Error::Usage(format!("{} holds a data set already", show(&self.out))));
         }
-        let source = match (&self.panoramas, &self.videos) {
-            (_, Some(folder)) => Source::read_videos(folder)?,
-            (Some(folder), None) => Source::Panoramas(Panorama::read_folder(folder)?),
+        let scenes = match (&self.panoramas, &self.videos) {
+            (_, Some(folder)) => Scenes::read_videos(folder)?,
+            (Some(folder), None) => Scenes::Panoramas(Panorama::read_folder(folder)?),
             (None, None) => return Err(Error::Usage("give --panoramas or --videos".into())),
         };
         let bar = terminal::progress(self.cubes, "making cubes");
-        let files = dataset::write(&request, &source, &self.out, |done| bar.set_position(done as u64))?;
+        let files = dataset::write(&recipe, &scenes, &self.out, |done| bar.set_position(done as u64))?;
         bar.finish_and_clear();
         let report = json!({
-            "cubes": self.cubes, "scenes": source.names().len(),
+            "cubes": self.cubes, "scenes": scenes.names().len(),
             "files": files.iter().map(|path| show(path)).collect::<Vec<_>>(),
         });
         terminal::result(self.json, &report, || {
-            format!("{}: {} cubes from {} scenes", show(&self.out), self.cubes, source.names().len())
+            format!("{}: {} cubes from {} scenes", show(&self.out), self.cubes, scenes.names().len())
         })
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::network;
-use crate::sensor::{Defects, Form, Noise, Pattern, PatternSource, Response, Sampler, Timing};
+use crate::sensor::{CameraModel, Defects, Form, Pattern, PatternSource, Response, Sampler, Timing};
 use crate::synth::{self, ExecutorChoice, Settings};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
@@ -127,18 +127,28 @@ pub struct Camera {
     /// Sampling pattern: a built-in name or a JSON file [default: mpve-1-4]
     #[arg(long, value_name = "NAME|FILE")]
     pub pattern: Option<String>,
+    /// Camera: default (9000 electrons), pe-cmos (200 electrons, as the paper's), or a JSON file. The options below
+    /// replace what it says
+    #[arg(long, default_value = "default", value_name = "NAME|FILE")]
+    pub camera: String,
     /// Response: linear, gamma:2.2, soft-knee:0.6, or a CSV file [default: linear]
     #[arg(long, value_parser = parse_response, value_name = "CURVE")]
     pub response: Option<ResponseOption>,
-    /// Electrons at y = 1; 0 for no noise at all
-    #[arg(long, default_value_t = Noise::default().full_well_e, value_name = "E")]
-    pub full_well: f64,
-    /// Read noise in electrons rms
-    #[arg(long, default_value_t = Noise::default().read_noise_e, value_name = "E")]
-    pub read_noise: f64,
+    /// Electrons at y = 1; 0 for no noise at all [default: 9000]
+    #[arg(long, value_name = "E")]
+    pub full_well: Option<f64>,
+    /// Read noise in electrons rms [default: 2.67]
+    #[arg(long, value_name = "E")]
+    pub read_noise: Option<f64>,
+    /// Count at y = 0, so that read noise is not cut off there [default: 0; pe-cmos: 48]
+    #[arg(long, value_name = "COUNT")]
+    pub pedestal: Option<u16>,
     /// Bits per pixel value [default: 10]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub bit_depth: Option<u32>,
+    /// Duration of a frame in milliseconds [default: 1]
+    #[arg(long, value_name = "MS")]
+    pub frame_period: Option<f64>,
     /// Deliver the last finished read-out, as a live camera does, instead of the covering one
     #[arg(long)]
     pub hold: bool,
@@ -186,19 +196,23 @@ impl ResponseOption {
 impl Camera {
     /// The camera simulator.
     pub fn sampler(&self) -> Result<Sampler> {
-        let mut sampler = Sampler::new(
-            Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?,
-            self.response.as_ref().map_or(Ok(Form::Linear), ResponseOption::form)?,
-        )?;
-        if !(self.full_well >= 0.0 && self.read_noise >= 0.0 && self.read_noise.is_finite()) {
+        let mut camera = CameraModel::load(&self.camera)?;
+        if let Some(response) = &self.response {
+            camera.response = response.form()?;
+        }
+        let (full_well, read_noise) = (self.full_well.unwrap_or(0.0), self.read_noise.unwrap_or(0.0));
+        if !(full_well >= 0.0 && read_noise >= 0.0 && read_noise.is_finite()) {
             return Err(Error::Usage("--full-well and --read-noise must not be negative".into()));
         }
-        sampler.noise = if self.full_well == 0.0 {
-            Noise::NONE
-        } else {
-            Noise { full_well_e: self.full_well, read_noise_e: self.read_noise }
-        };
-        sampler.bit_depth = self.bit_depth.unwrap_or(sampler.bit_depth);
+        match self.full_well {
+            Some(0.0) => camera.full_well_e = None,
+            given => camera.full_well_e = given.or(camera.full_well_e),
+        }
+        camera.read_noise_e = self.read_noise.unwrap_or(camera.read_noise_e);
+        camera.black_level = self.pedestal.unwrap_or(camera.black_level);
+        camera.bit_depth = self.bit_depth.unwrap_or(camera.bit_depth);
+        camera.frame_period_ms = self.frame_period.unwrap_or(camera.frame_period_ms);
+        let mut sampler = camera.sampler(Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?)?;
         sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
         sampler.schedule_start = self.schedule_start.unwrap_or(sampler.schedule_start);
         sampler.seed = self.seed;
@@ -207,13 +221,15 @@ impl Camera {
 
     /// What was said of the camera as keys of `capture.json`, in place of those that a capture has.
     pub fn keys(&self) -> Result<Map<String, Value>> {
-        let Self { pattern, response, hold, schedule_start, bit_depth, .. } = self;
+        let Self { pattern, response, hold, schedule_start, bit_depth, pedestal, frame_period, .. } = self;
         let given = CaptureOptions {
             pattern: pattern.clone(),
             response: response.clone(),
             timing: hold.then_some(TimingOption::Hold),
             schedule_start: *schedule_start,
             bit_depth: *bit_depth,
+            black_level: pedestal.map(f64::from),
+            frame_period_ms: *frame_period,
             ..CaptureOptions::default()
         };
         given.keys()

@@ -132,7 +132,7 @@ impl Plot {
         if right < left + line || bottom < top + line {
             return Err(VideoError::Shape(format!("{width}×{height} pixels are too few for this plot")));
         }
-        let frame = Frame { left, right, top, bottom, x_axis, y_axis };
+        let axes = Axes { left, right, top, bottom, x_axis, y_axis };
 
         surface.text(MARGIN as i64, MARGIN as i64, &self.title, SCALE, INK);
         for ((x, y), (index, series)) in legend.iter().zip(self.series.iter().enumerate()) {
@@ -142,11 +142,11 @@ impl Plot {
             surface.line((x as f32, middle), ((x + SAMPLE) as f32, middle), 2.0 * THICKNESS, colour);
             surface.text((x + SAMPLE + TICK) as i64, y as i64, &series.name, SCALE, INK);
         }
-        frame.draw(surface, &self.x_label, &self.y_label);
+        axes.draw(surface, &self.x_label, &self.y_label);
         for (index, Series { points, labels, .. }) in self.series.iter().enumerate() {
             let colour = PALETTE[index % PALETTE.len()];
             for pair in points.windows(2) {
-                surface.line(frame.place(pair[0]), frame.place(pair[1]), THICKNESS, colour);
+                surface.line(axes.point(pair[0]), axes.point(pair[1]), THICKNESS, colour);
             }
             for (i, &point) in points.iter().enumerate() {
                 let alone = |other: Option<&(f64, f64)>| other.is_none_or(|p| !self.has_place(*p));
@@ -154,11 +154,11 @@ impl Plot {
                     && alone(i.checked_sub(1).and_then(|i| points.get(i)))
                     && alone(points.get(i + 1))
                 {
-                    surface.line(frame.place(point), frame.place(point), 3.0 * THICKNESS, colour);
+                    surface.line(axes.point(point), axes.point(point), 3.0 * THICKNESS, colour);
                 }
             }
             for (&point, label) in points.iter().zip(labels).filter(|(point, _)| self.has_place(**point)) {
-                let (x, y) = frame.place(point);
+                let (x, y) = axes.point(point);
                 surface.line((x, y), (x, y), 5.0 * THICKNESS, colour);
                 // To the right of the mark, unless the picture ends there.
                 let (after, text) = (x as usize + 2 * TICK, text_width(label, SCALE));
@@ -196,7 +196,7 @@ impl Plot {
 }
 
 /// Where the plot lies on the canvas.
-struct Frame {
+struct Axes {
     left: usize,
     right: usize,
     top: usize,
@@ -205,8 +205,8 @@ struct Frame {
     y_axis: Axis,
 }
 
-impl Frame {
-    fn place(&self, (x, y): (f64, f64)) -> (f32, f32) {
+impl Axes {
+    fn point(&self, (x, y): (f64, f64)) -> (f32, f32) {
         let along =
             |share: f64, from: usize, to: usize| (from as f64 + share * (to as f64 - from as f64)) as f32;
         let x = along(self.x_axis.share(x), self.left, self.right);
@@ -218,7 +218,7 @@ impl Frame {
         let Self { left, right, top, bottom, x_axis, y_axis } = self;
         let line = text_height(SCALE);
         for tick in y_axis.ticks() {
-            let y = self.place((x_axis.low, tick)).1;
+            let y = self.point((x_axis.low, tick)).1;
             surface.fill(*left as i64, y.round() as i64, right - left, 1, RULE);
             surface.fill((left - TICK) as i64, y.round() as i64, TICK, 2, INK);
             let label = y_axis.label(tick);
@@ -226,7 +226,7 @@ impl Frame {
             surface.text(x as i64, y.round() as i64 - line as i64 / 2, &label, SCALE, INK);
         }
         for tick in x_axis.ticks() {
-            let x = self.place((tick, 0.0)).0.round() as i64;
+            let x = self.point((tick, 0.0)).0.round() as i64;
             surface.fill(x, *top as i64, 1, bottom - top, RULE);
             surface.fill(x, *bottom as i64, 2, TICK, INK);
             let label = x_axis.label(tick);

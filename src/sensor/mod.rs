@@ -1,6 +1,7 @@
 //! The camera: patterns of exposures, response, noise, and the captures that they make.
 
 mod calibration;
+mod camera_model;
 mod capture;
 mod capture_file;
 mod covering;
@@ -18,6 +19,7 @@ mod symmetry;
 mod text;
 
 pub use calibration::Calibration;
+pub use camera_model::CameraModel;
 pub use capture::Capture;
 pub use capture_file::CaptureFile;
 pub use covering::hold_to_covering;

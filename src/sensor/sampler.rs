@@ -6,7 +6,7 @@ use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 
 use super::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
-use super::{Form, Pattern, Readout, Response, SensorError};
+use super::{Form, Pattern, Readout, Recording, Response, SensorError};
 use crate::Result;
 use crate::video::Counts;
 use crate::video::Video;
@@ -43,6 +43,8 @@ pub struct Sampler {
     pub bit_depth: u32,
     /// Count at y = 0, the pedestal that the converter adds. At 0 it cuts noise off at black; above, counts keep it.
     pub black_level: u16,
+    /// Duration of a frame in milliseconds.
+    pub frame_period_ms: f64,
     /// What each frame of the capture holds.
     pub timing: Timing,
     /// Schedule time of the first frame.
@@ -65,6 +67,7 @@ impl Sampler {
             noise: Noise::default(),
             bit_depth: 10,
             black_level: 0,
+            frame_period_ms: 1.0,
             timing: Timing::Covering,
             schedule_start: 0,
             seed: 0,
@@ -83,9 +86,30 @@ impl Sampler {
         &self.response
     }
 
-    /// Largest count.
-    fn white(&self) -> u16 {
-        ((1u32 << self.bit_depth) - 1) as u16
+    /// Largest count, of 1 to 16 bits.
+    fn white(&self) -> f64 {
+        f64::from((1u32 << self.bit_depth.min(16)) - 1)
+    }
+
+    /// What a capture says of itself.
+    fn info(&self) -> CaptureInfo {
+        let Noise { full_well_e, read_noise_e } = self.noise;
+        let noisy = full_well_e.is_finite();
+        CaptureInfo {
+            pattern: PatternSource::of(&self.pattern),
+            timing: self.timing,
+            schedule_start: self.schedule_start,
+            bit_depth: self.bit_depth,
+            black_level: f64::from(self.black_level),
+            white_level: self.white(),
+            frame_period_ms: self.frame_period_ms,
+            response: ResponseSource::Form(self.response.form().clone()),
+            full_well_e: noisy.then_some(full_well_e),
+            read_noise_e: noisy.then_some(read_noise_e),
+            anchor: None,
+            dead_pixels: Vec::new(),
+            missing_count: None,
+        }
     }
 
     /// The read-out that a frame of the capture holds.
@@ -126,22 +150,18 @@ impl Sampler {
         let below_black = x < 0.0 && self.black_level > 0;
         let value = if below_black { -self.response.value(-x) } else { self.response.value(x) };
         let y = value * (1.0 + self.gain_error) + self.black_error;
-        let (black, white) = (f64::from(self.black_level), f64::from(self.white()));
+        let (black, white) = (f64::from(self.black_level), self.white());
         (black + y * (white - black)).clamp(0.0, white).round() as u16
     }
 
     /// Samples a video of irradiance p. Every read-out has one noise draw, from a random stream of its own row
     /// and end, so that threads do not change it.
     pub fn sample(&self, video: &Video) -> Result<Capture> {
-        if !(1..=16).contains(&self.bit_depth) {
-            return Err(SensorError::Capture(format!("a bit depth of {}", self.bit_depth)).into());
-        }
-        if self.black_level >= self.white() {
-            return Err(SensorError::Capture(format!("a black level of {}", self.black_level)).into());
-        }
         if video.data.is_empty() {
             return Err(SensorError::Capture("the video has no pixels".into()).into());
         }
+        // What no capture can say is refused before it is computed with.
+        Recording::new(self.info(), [video.height, video.width], None)?;
         video.check_finite()?;
         let mut counts = vec![0u16; video.data.len()];
         let width = video.width;
@@ -150,22 +170,7 @@ impl Sampler {
             rows[index % video.height].push(row);
         }
         rows.par_iter_mut().enumerate().for_each(|(y, frames)| self.sample_row(video, y, frames));
-        let info = CaptureInfo {
-            pattern: PatternSource::of(&self.pattern),
-            timing: self.timing,
-            schedule_start: self.schedule_start,
-            bit_depth: self.bit_depth,
-            black_level: f64::from(self.black_level),
-            white_level: f64::from(self.white()),
-            frame_period_ms: 1.0,
-            response: ResponseSource::Form(self.response.form().clone()),
-            full_well_e: self.noise.full_well_e.is_finite().then_some(self.noise.full_well_e),
-            read_noise_e: self.noise.full_well_e.is_finite().then_some(self.noise.read_noise_e),
-            anchor: None,
-            dead_pixels: Vec::new(),
-            missing_count: None,
-        };
-        Capture::new(info, [video.frames, video.height, width], Counts::U16(counts), None)
+        Capture::new(self.info(), [video.frames, video.height, width], Counts::U16(counts), None)
     }
 
     /// Samples row `y`; `frames` are its counts in each frame.

@@ -17,7 +17,7 @@ use super::line::{Done, Line, ResultFrame, Submitted};
 use super::pool::Pool;
 use super::report::Report;
 use super::settings::Settings;
-use super::skip::{Cells, Gate, Skip, cover};
+use super::skip::{Cells, Gate, Rules, Skip, cover};
 use super::tiles::{Cut, Grid};
 use super::windows;
 use crate::frame::{Extent, Frame};
@@ -204,7 +204,8 @@ impl Synthesizer {
             self;
         let start = recording.info.schedule_start;
         let mut footage = Footage::new(arriving, calibration, start);
-        let mut gate = Gate::new((cells, *skip, *window), *spread, (recording, calibration), from);
+        let rules = Rules { skip: *skip, cells, window: *window, spread: *spread };
+        let mut gate = Gate::new(rules, recording, calibration, from);
         let mut skipped = gate.skipped();
         let (mut count, mut gating) = (0u32, Duration::ZERO);
         let keeps = skipped.is_some();

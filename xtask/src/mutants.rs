@@ -95,8 +95,8 @@ const MUTANTS: [Mutant; 23] = [
     Mutant {
         what: "a stale cell is kept though its surroundings changed",
         file: "src/synth/skip/gate.rs",
-        sound: "changed_at_all(seen, gate.cells, gate.around(k, s), gate.spread)",
-        faulty: "changed_at_all(seen, gate.cells, gate.around(k, s), [0, 0])",
+        sound: "changed_at_all(seen, cells, gate.around(k, s), spread)",
+        faulty: "changed_at_all(seen, cells, gate.around(k, s), [0, 0])",
         test: ["skipping", "exact_skipping_changes_no_bit"],
     },
     Mutant {

@@ -3,7 +3,7 @@
 use glam::Vec2;
 
 use super::glyph::Text;
-use super::shape::{Grid, View, floor, rectangle};
+use super::shape::{Buckets, Stage, floor, rectangle};
 
 /// Three bars upright and three across, each `bar` wide and 5 `bar` long, and the element's number.
 #[derive(Clone, Debug)]
@@ -27,7 +27,7 @@ impl Element {
 #[derive(Clone, Debug)]
 pub struct Chart {
     elements: Vec<Element>,
-    grid: Grid,
+    nearby: Buckets,
 }
 
 impl Chart {
@@ -39,14 +39,14 @@ impl Chart {
         column(&mut elements, Vec2::new(-0.55, -0.93), 0.5 / 18.0);
         column(&mut elements, Vec2::new(-0.33, 0.30), 0.25 / 18.0);
         column(&mut elements, Vec2::new(-0.70, 0.30), 0.125 / 18.0);
-        let grid = Grid::new(elements.iter().map(|element| (element.middle, element.half())));
-        Self { elements, grid }
+        let nearby = Buckets::new(elements.iter().map(|element| (element.middle, element.half())));
+        Self { elements, nearby }
     }
 
-    /// How much ink is at `p`, in [0, 1]; `view` and `size` (the half extent of the chart in its units) say how
+    /// How much ink is at `p`, in [0, 1]; `stage` and `size` (the half extent of the chart in its units) say how
     /// sharp.
-    pub fn ink(&self, view: &View, p: Vec2, size: f32) -> f32 {
-        for element in self.grid.at(p).map(|index| &self.elements[index]) {
+    pub fn ink(&self, stage: &Stage, p: Vec2, size: f32) -> f32 {
+        for element in self.nearby.at(p).map(|index| &self.elements[index]) {
             let Element { middle, bar, number, number_at } = element;
             let q = p - *middle;
             if q.abs().cmpgt(element.half()).any() {
@@ -54,7 +54,7 @@ impl Chart {
             }
             let (left, right) = (q + Vec2::new(3.5 * bar, 0.0), q - Vec2::new(3.5 * bar, 0.0));
             let d = bars(left.perp(), *bar).min(bars(right, *bar)).min(number.distance(q - *number_at));
-            return view.cover(d * size);
+            return stage.cover(d * size);
         }
         0.0
     }
@@ -85,11 +85,11 @@ mod tests {
 
     #[test]
     fn bars_alternate() {
-        let (chart, view) = (Chart::new(), View::new(2000, 2000));
+        let (chart, stage) = (Chart::new(), Stage::new(2000, 2000));
         let Element { middle, bar, .. } = chart.elements[0];
-        let ink = |dx: f32| chart.ink(&view, middle + Vec2::new(dx * bar, 0.0), 1.0);
+        let ink = |dx: f32| chart.ink(&stage, middle + Vec2::new(dx * bar, 0.0), 1.0);
         assert_eq!([ink(1.5), ink(2.5), ink(3.5), ink(4.5), ink(5.5)], [1.0, 0.0, 1.0, 0.0, 1.0]);
-        assert_eq!(chart.ink(&view, Vec2::new(0.99, 0.99), 1.0), 0.0);
+        assert_eq!(chart.ink(&stage, Vec2::new(0.99, 0.99), 1.0), 0.0);
     }
 
     #[test]

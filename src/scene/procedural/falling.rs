@@ -7,7 +7,7 @@ use glam::{FloatExt, Mat3, Quat, Vec2, Vec3};
 use super::super::Scene;
 use super::glyph::Text;
 use super::light::Lamp;
-use super::shape::{Cuboid, Face, View, ellipse, fract, rectangle, smooth_step, sphere_normal};
+use super::shape::{Cuboid, Face, Stage, ellipse, fract, rectangle, smooth_step, sphere_normal};
 use super::texture::Noise;
 
 /// Gravity in units/frame²: 9.81 m/s² at 1000 fps, the square of the layout being 0.2 m wide.
@@ -33,7 +33,7 @@ const AMBIENT: f32 = 0.003;
 /// Radiance: clouds 0.2 to 2, sky 0.15, lit sides of things 0.05, their dark sides and the room 0.005 to 0.0002.
 #[derive(Clone, Debug)]
 pub struct Falling {
-    view: View,
+    stage: Stage,
     texture: Noise,
     throws: Noise,
     window: Lamp,
@@ -83,7 +83,7 @@ impl Falling {
     pub fn new(height: usize, width: usize, seed: u64) -> Self {
         let line = |y: f32, size: f32, text: &str| (Vec2::new(0.03, y), Text::new(text, size, 0.16));
         Self {
-            view: View::new(height, width),
+            stage: Stage::new(height, width),
             texture: Noise::new(seed, 0),
             throws: Noise::new(seed, 1),
             window: Lamp { position: Vec3::new(WINDOW.x, WINDOW.y, 0.1), intensity: 0.045 },
@@ -103,7 +103,7 @@ impl Falling {
         // From somewhere in the middle out to one side, so that it is gone when its time is over.
         let side = if (index as i32 + throw).rem_euclid(2) == 0 { 1.0 } else { -1.0 };
         let from = side * (-0.62 + 0.5 * chance(0));
-        let reach = self.view.extent();
+        let reach = self.stage.extent();
         let x = from.lerp(side * (reach.x + 2.0 * radius), age / CYCLE);
         let axis = Vec3::new(chance(1) - 0.5, chance(2) - 0.5, 1.2 * (chance(3) - 0.5)).normalize_or(Vec3::X);
         let spin = TAU / (90.0 + 60.0 * chance(4)) * side;
@@ -125,7 +125,7 @@ impl Falling {
         };
         let block = Cuboid::new(half, turn);
         let bound = match kind {
-            Kind::Banded | Kind::Polished => radius + self.view.pixel(),
+            Kind::Banded | Kind::Polished => radius + self.stage.pixel(),
             _ => block.radius(),
         };
         Body { kind, middle: Vec2::new(x + sway, y), floor: lane, radius, bound, block, turn }
@@ -138,12 +138,12 @@ impl Falling {
         let sun = (q - Vec2::new(0.12, -0.24)).length_squared();
         let v = sky + (0.25 + 2.2 * (-14.0 * sun).exp()) * cloud + 0.25 * (-25.0 * sun).exp();
         let hill = q.y - 0.24 + 0.10 * self.texture.value(Vec2::new(5.0 * q.x, 3.0));
-        let v = self.view.paint(v, -hill, || 0.05 + 0.05 * self.texture.value(28.0 * q));
+        let v = self.stage.paint(v, -hill, || 0.05 + 0.05 * self.texture.value(28.0 * q));
         // A house on the hill.
         let house = rectangle(q - Vec2::new(-0.25, 0.22), Vec2::new(0.09, 0.10));
         let roof = (q.x + 0.25).abs() * 0.8 - q.y + 0.02;
-        let v = self.view.paint(v, roof.max(q.y - 0.12), || 0.03);
-        self.view.paint(v, house, || {
+        let v = self.stage.paint(v, roof.max(q.y - 0.12), || 0.03);
+        self.stage.paint(v, house, || {
             let pane = Vec2::new(fract((q.x + 0.25) / 0.06) - 0.5, fract((q.y - 0.14) / 0.07) - 0.5);
             if pane.abs().max_element() < 0.22 { 0.01 } else { 0.12 }
         })
@@ -155,7 +155,7 @@ impl Falling {
         if frame < 0.0 {
             // Mullions, a little lit from the side.
             let bar = q.x.abs().min((q.y + 0.08).abs()) - 0.018;
-            return self.view.paint(self.outdoors(q), bar, || 0.012);
+            return self.stage.paint(self.outdoors(q), bar, || 0.012);
         }
         // Splay and frame, then wallpaper that gets darker away from the window.
         let near = 0.02 * smooth_step(0.10, 0.0, frame);
@@ -163,21 +163,21 @@ impl Falling {
         let dots =
             Vec2::new(fract((p.x - 0.02) / 0.09) - 0.5, fract((p.y - 0.02) / 0.09) - 0.5).length() - 0.14;
         let paper = 0.10 + 0.09 * stripes;
-        let paper = self.view.paint(paper, 0.09 * dots, || 0.28);
+        let paper = self.stage.paint(paper, 0.09 * dots, || 0.28);
         let grain = self.texture.plaster(p);
         let shade = AMBIENT * (0.25 + 0.9 * (-2.2 * frame).exp());
-        let wood = self.view.paint(paper * grain * shade, frame - 0.06, || 0.007 + near);
+        let wood = self.stage.paint(paper * grain * shade, frame - 0.06, || 0.007 + near);
         // A poster in the dark part.
         let r = p - Vec2::new(0.62, -0.42);
-        self.view.paint(wood, rectangle(r, Vec2::new(0.27, 0.33)), || {
+        self.stage.paint(wood, rectangle(r, Vec2::new(0.27, 0.33)), || {
             let shade = shade * (0.9 + 0.2 * grain);
             let mut v = 0.55 * shade;
             let disk = (r - Vec2::new(0.05, -0.12)).length();
-            v = self.view.paint(v, disk - 0.13, || 0.10 * shade);
-            v = self.view.paint(v, (disk - 0.08).abs() - 0.02, || 0.7 * shade);
-            v = self.view.paint(v, self.poster[0].distance(r - Vec2::new(0.0, 0.10)), || 0.03 * shade);
-            v = self.view.paint(v, self.poster[1].distance(r - Vec2::new(-0.03, 0.25)), || 0.03 * shade);
-            self.view.paint(v, rectangle(r, Vec2::new(0.27, 0.33)).abs() - 0.012, || 0.02 * shade)
+            v = self.stage.paint(v, disk - 0.13, || 0.10 * shade);
+            v = self.stage.paint(v, (disk - 0.08).abs() - 0.02, || 0.7 * shade);
+            v = self.stage.paint(v, self.poster[0].distance(r - Vec2::new(0.0, 0.10)), || 0.03 * shade);
+            v = self.stage.paint(v, self.poster[1].distance(r - Vec2::new(-0.03, 0.25)), || 0.03 * shade);
+            self.stage.paint(v, rectangle(r, Vec2::new(0.27, 0.33)).abs() - 0.012, || 0.02 * shade)
         })
     }
 
@@ -217,12 +217,12 @@ impl Falling {
             let light = self.light(point, normal);
             let latitude = own.y;
             let mut reflectance = 0.72 + 0.15 * self.texture.value(14.0 * own.truncate());
-            reflectance = self.view.paint(reflectance, body.radius * (latitude.abs() - 0.22), || 0.06);
+            reflectance = self.stage.paint(reflectance, body.radius * (latitude.abs() - 0.22), || 0.06);
             // A round field with a digit on each side.
             let field = body.radius * (own.truncate().length() - 0.42);
-            reflectance = self.view.paint(reflectance, field, || 0.9);
+            reflectance = self.stage.paint(reflectance, field, || 0.9);
             let digit = self.letters[4].distance(own.truncate() * body.radius);
-            reflectance = self.view.paint(reflectance, digit, || 0.03);
+            reflectance = self.stage.paint(reflectance, digit, || 0.03);
             return reflectance * light + 0.02 * self.window.highlight(point, normal, 40.0);
         }
         // Polished: the window and the room in the mirror, stronger at the rim.
@@ -247,7 +247,7 @@ impl Falling {
             Kind::Die => {
                 let mut v = 0.85 * light * (1.0 - 0.4 * smooth_step(0.0, 0.012, rim));
                 for pip in pips(face.index) {
-                    v = self.view.paint(v, (place - *pip * size).length() - 0.19 * size, || 0.03 * light);
+                    v = self.stage.paint(v, (place - *pip * size).length() - 0.19 * size, || 0.03 * light);
                 }
                 v + 0.02 * self.window.highlight(point, face.normal, 30.0)
             }
@@ -255,9 +255,9 @@ impl Falling {
                 let ring = (0.55 + 0.35 * self.texture.value(Vec2::new(4.0, 60.0) * place)) * light;
                 let groove = (rectangle(place, face.half * 0.78).abs() - 0.012).max(rim);
                 let v = self
-                    .view
+                    .stage
                     .paint(ring * (1.0 - 0.3 * smooth_step(0.0, 0.012, rim)), groove, || 0.08 * light);
-                self.view.paint(v, self.letters[face.index].distance(place), || 0.04 * light)
+                self.stage.paint(v, self.letters[face.index].distance(place), || 0.04 * light)
             }
             _ if face.index < 4 => 0.6 * light,
             _ => {
@@ -265,14 +265,14 @@ impl Falling {
                 if face.index == 4 {
                     // The flap.
                     let seam = (place.y + 0.13 - 0.5 * (0.22 - place.x.abs())).abs() - 0.005;
-                    return self.view.paint(v, seam, || 0.25 * light);
+                    return self.stage.paint(v, seam, || 0.25 * light);
                 }
                 for (at, text) in &self.address {
-                    v = self.view.paint(v, text.distance(place - *at), || 0.05 * light);
+                    v = self.stage.paint(v, text.distance(place - *at), || 0.05 * light);
                 }
                 let stamp = place - Vec2::new(0.165, -0.09);
-                v = self.view.paint(v, rectangle(stamp, Vec2::new(0.036, 0.034)), || 0.2 * light);
-                self.view.paint(v, (stamp.length() - 0.018).abs() - 0.006, || 0.7 * light)
+                v = self.stage.paint(v, rectangle(stamp, Vec2::new(0.036, 0.034)), || 0.2 * light);
+                self.stage.paint(v, (stamp.length() - 0.018).abs() - 0.006, || 0.7 * light)
             }
         }
     }
@@ -284,7 +284,7 @@ impl Falling {
             return (0.0, 0.0);
         }
         match body.kind {
-            Kind::Banded | Kind::Polished => (self.view.cover(q.length() - body.radius), self.ball(body, q)),
+            Kind::Banded | Kind::Polished => (self.stage.cover(q.length() - body.radius), self.ball(body, q)),
             _ => body.block.face(q).map_or((0.0, 0.0), |face| (1.0, self.solid(body, q, &face))),
         }
     }
@@ -331,7 +331,7 @@ impl Scene for Falling {
     fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         let bodies: Vec<Body> = (0..THINGS.len()).map(|index| self.body(index, t)).collect();
         Box::new(move |position| {
-            let p = self.view.place(position);
+            let p = self.stage.point(position);
             // From the front to the back: what is hidden is not worked out.
             let (mut sum, mut free) = (0.0, 1.0);
             for body in bodies.iter().rev() {
@@ -366,7 +366,7 @@ mod tests {
     fn things_are_out_of_sight_when_they_start_anew() {
         for (height, width) in [(128, 128), (100, 300), (300, 100)] {
             let scene = Falling::new(height, width, 3);
-            let reach = scene.view.extent();
+            let reach = scene.stage.extent();
             for (index, (_, radius, _, first)) in THINGS.iter().enumerate() {
                 for t in [first - 0.01, first + 0.01] {
                     let Body { middle, .. } = scene.body(index, t);

@@ -8,7 +8,7 @@ use super::super::Scene;
 use super::chart::Chart;
 use super::glyph::Text;
 use super::light::{Lamp, glow};
-use super::shape::{Lathe, View, ellipse, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
+use super::shape::{Lathe, Stage, ellipse, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
 use super::texture::Noise;
 
 /// Hub of the fan.
@@ -39,7 +39,7 @@ const AMBIENT: f32 = 0.002;
 /// to 0.0002 (black).
 #[derive(Clone, Debug)]
 pub struct Fan {
-    view: View,
+    stage: Stage,
     /// Turn in radians per frame.
     turn: f32,
     plaster: Noise,
@@ -56,7 +56,7 @@ impl Fan {
     /// the letters move by 1.2 px/frame at 128 × 128.
     pub fn new(height: usize, width: usize, seed: u64) -> Self {
         Self {
-            view: View::new(height, width),
+            stage: Stage::new(height, width),
             turn: TAU / 150.0,
             plaster: Noise::new(seed, 0),
             wood: Noise::new(seed, 1),
@@ -139,7 +139,7 @@ impl Fan {
             let shine = 0.08 * self.lamp.highlight(point, normal, 60.0);
             0.3 * self.light(point, normal) + shine
         };
-        self.view.cover_with(pole, pole_light, || self.view.cover_with(foot, foot_light, below))
+        self.stage.cover_with(pole, pole_light, || self.stage.cover_with(foot, foot_light, below))
     }
 
     fn blades(&self, p: Vec2, blades: &Blades, below: impl FnOnce() -> f32) -> f32 {
@@ -159,7 +159,7 @@ impl Fan {
             let rim = smooth_step(0.0, 0.02, -d);
             let plastic =
                 (0.045 + 0.05 * (1.0 - rim)) * light + 0.006 * self.lamp.highlight(point, normal, 25.0);
-            self.view.paint(plastic, letter, || 0.9 * light)
+            self.stage.paint(plastic, letter, || 0.9 * light)
         };
         let hub = || {
             let normal = sphere_normal(q, 0.13);
@@ -167,10 +167,10 @@ impl Fan {
             let screw = if r < 0.03 { 0.5 } else { 1.0 };
             0.5 * screw * self.light(point, normal) + 0.25 * self.lamp.highlight(point, normal, 120.0)
         };
-        let mut v = self.view.cover_with(r - 0.105, hub, || self.view.cover_with(d, blade, below));
+        let mut v = self.stage.cover_with(r - 0.105, hub, || self.stage.cover_with(d, blade, below));
         // Two rings of the guard.
         for (radius, wire) in [(0.575, 0.008), (0.40, 0.004)] {
-            v = self.view.paint(v, (r - radius).abs() - wire, || {
+            v = self.stage.paint(v, (r - radius).abs() - wire, || {
                 let s = ((r - radius) / wire).clamp(-1.0, 1.0);
                 let normal = (q / r * s).extend((1.0 - s * s).max(0.0).sqrt());
                 let point = p.extend(BLADES_Z + 0.12);
@@ -181,7 +181,7 @@ impl Fan {
     }
 
     fn shelf(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
-        let reach = self.view.extent().x.max(1.0) + 1.0;
+        let reach = self.stage.extent().x.max(1.0) + 1.0;
         let half = Vec2::new((reach - SHELF.x) / 2.0, SHELF_HEIGHT / 2.0);
         let q = p - SHELF - half;
         let front = || {
@@ -189,19 +189,19 @@ impl Fan {
             let grain = self.wood.wood(Vec2::new(p.x + 5.0, 0.15 + 0.5 * q.y));
             let text = self.sign.distance(p - SHELF - Vec2::new(0.17, SHELF_HEIGHT / 2.0));
             let edge = 1.0 + 2.0 * smooth_step(0.012, 0.0, p.y - SHELF.y);
-            self.view.paint(0.35 * grain * edge * light, text, || 0.02 * light)
+            self.stage.paint(0.35 * grain * edge * light, text, || 0.02 * light)
         };
-        self.view.cover_with(rectangle(q, half), front, below)
+        self.stage.cover_with(rectangle(q, half), front, below)
     }
 
     fn card(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
         let q = p - CHART;
         let card = || {
             let light = self.light(p.extend(0.02), Vec3::Z);
-            let ink = self.chart.ink(&self.view, q / CHART_HALF, CHART_HALF);
+            let ink = self.chart.ink(&self.stage, q / CHART_HALF, CHART_HALF);
             light * 0.9.lerp(0.05, ink) * (0.95 + 0.1 * self.plaster.value(30.0 * p))
         };
-        self.view.cover_with(rounded(q, Vec2::splat(CHART_HALF), 0.01), card, below)
+        self.stage.cover_with(rounded(q, Vec2::splat(CHART_HALF), 0.01), card, below)
     }
 
     /// Bulb, socket and cord; the glow is over everything.
@@ -212,9 +212,9 @@ impl Fan {
         if q.x.abs() > 0.13 || p.y > -0.36 {
             return v;
         }
-        let v = self.view.paint(v, rectangle(q + Vec2::new(0.0, 2.0), Vec2::new(0.009, 1.78)), || 0.003);
+        let v = self.stage.paint(v, rectangle(q + Vec2::new(0.0, 2.0), Vec2::new(0.009, 1.78)), || 0.003);
         let glass = self.bulb.distance(Vec2::new(q.x, p.y));
-        let mut v = self.view.paint(v, glass, || {
+        let mut v = self.stage.paint(v, glass, || {
             let normal = self.bulb.normal(Vec2::new(q.x, p.y));
             // Pearly glass: brightest where the filament shines through.
             0.35 + 0.55 * normal.z + 2.5 * glow(r, 0.045)
@@ -222,13 +222,13 @@ impl Fan {
         // The filament hangs in a zigzag.
         let zigzag = 0.016 * (4.0 * (fract(q.x / 0.04) - 0.5).abs() - 1.0);
         let filament = (q.y - zigzag).abs().max(q.x.abs() - 0.052) - 0.007;
-        v = self.view.paint(v, filament, || 30.0);
+        v = self.stage.paint(v, filament, || 30.0);
         for side in [-0.052_f32, 0.052] {
             let wire = segment(q, Vec2::new(side, 0.0), Vec2::new(0.4 * side, -0.17)) - 0.003;
-            v = self.view.paint(v, wire.max(glass), || 0.15);
+            v = self.stage.paint(v, wire.max(glass), || 0.15);
         }
         let socket = rounded(q + Vec2::new(0.0, 0.19), Vec2::new(0.05, 0.055), 0.012);
-        self.view.paint(v, socket, || {
+        self.stage.paint(v, socket, || {
             let s = (q.x / 0.05).clamp(-1.0, 1.0);
             let thread = 0.6 + 0.4 * (q.y * 230.0).sin();
             0.008 + 0.09 * thread * (1.0 - s * s) * smooth_step(-0.26, -0.12, q.y)
@@ -243,7 +243,7 @@ struct Blades {
 }
 
 /// A place on a blade.
-struct Place {
+struct OnBlade {
     index: usize,
     /// Distance from the axis along the middle of the blade.
     along: f32,
@@ -257,7 +257,7 @@ impl Blades {
     }
 
     /// Approximate signed distance to the blades at `q` from the hub, and the place on the nearest.
-    fn at(&self, q: Vec2) -> (f32, Place) {
+    fn at(&self, q: Vec2) -> (f32, OnBlade) {
         let reach = self.along.map(|direction| direction.dot(q));
         let mut index = usize::from(reach[1] > reach[0]);
         index = if reach[2] > reach[index] { 2 } else { index };
@@ -269,7 +269,7 @@ impl Blades {
         let round = 0.06;
         let corner = Vec2::new(side + round, end + round);
         let d = corner.max(Vec2::ZERO).length() + corner.max_element().min(0.0) - round;
-        (d, Place { index, along, across: across - sweep })
+        (d, OnBlade { index, along, across: across - sweep })
     }
 
     /// Direction from the middle of a blade to its leading side.
@@ -282,7 +282,7 @@ impl Scene for Fan {
     fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         let blades = Blades::new((self.turn * t).rem_euclid(TAU) - TAU / 4.0);
         Box::new(move |position| {
-            let p = self.view.place(position);
+            let p = self.stage.point(position);
             // From the front to the back: what is hidden is not worked out.
             let back = || if p.y < DESK { self.wall(p, &blades) } else { self.desk(p) };
             let shelf = || self.shelf(p, || self.card(p, back));

@@ -5,7 +5,7 @@ use glam::{FloatExt, Vec2, Vec3};
 use super::super::Scene;
 use super::glyph::Text;
 use super::light::{Lamp, glow};
-use super::shape::{Grid, View, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
+use super::shape::{Buckets, Stage, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
 use super::texture::Noise;
 
 /// Frames from one switching-on to the next.
@@ -32,13 +32,13 @@ const AMBIENT: f32 = 0.003;
 /// black parts 0.0001.
 #[derive(Clone, Debug)]
 pub struct Leds {
-    view: View,
+    stage: Stage,
     board: Noise,
     lamps: [Lamp; 2],
     prints: Vec<(Vec2, Text)>,
-    prints_at: Grid,
+    prints_at: Buckets,
     tracks: Vec<[Vec2; 2]>,
-    tracks_at: Grid,
+    tracks_at: Buckets,
     parts: Vec<Part>,
 }
 
@@ -89,11 +89,11 @@ impl Leds {
             corners(&[(0.22, -0.18), (0.08, -0.04), (0.08, 0.20), (0.02, 0.26), (0.02, 0.52)]),
         ]
         .concat();
-        let prints_at = Grid::new(prints.iter().map(|(at, text)| (*at, text.half() + 0.05)));
+        let prints_at = Buckets::new(prints.iter().map(|(at, text)| (*at, text.half() + 0.05)));
         let span = |[a, b]: &[Vec2; 2]| ((*a + *b) / 2.0, (*b - *a).abs() / 2.0 + 0.06);
-        let tracks_at = Grid::new(tracks.iter().map(span));
+        let tracks_at = Buckets::new(tracks.iter().map(span));
         Self {
-            view: View::new(height, width),
+            stage: Stage::new(height, width),
             board: Noise::new(seed, 0),
             lamps: PLACES.map(|place| Lamp { position: place.extend(HEIGHT), intensity: 0.012 }),
             prints,
@@ -139,20 +139,20 @@ impl Leds {
             let [a, b] = self.tracks[index];
             d.min(segment(p, a, b))
         });
-        let mut reflectance = self.view.paint(mask, track - 0.022, || 0.17);
+        let mut reflectance = self.stage.paint(mask, track - 0.022, || 0.17);
         // Plated holes in a row at the lower edge and at the ends of the tracks.
         let row = Vec2::new(floor(p.x / 0.17 + 0.5).clamp(-2.0, 2.0) * 0.17, -0.66);
         let hole = p.distance(row);
-        reflectance = self.view.paint(reflectance, hole - 0.05, || 0.45);
-        reflectance = self.view.paint(reflectance, hole - 0.026, || 0.01);
+        reflectance = self.stage.paint(reflectance, hole - 0.05, || 0.45);
+        reflectance = self.stage.paint(reflectance, hole - 0.026, || 0.01);
         for (at, text) in self.prints_at.at(p).map(|index| &self.prints[index]) {
-            reflectance = self.view.paint(reflectance, text.distance(p - *at), || 0.85);
+            reflectance = self.stage.paint(reflectance, text.distance(p - *at), || 0.85);
         }
         // Outlines of the LEDs, flat on the side of the cathode.
         for place in PLACES {
             let q = p - place;
             let outline = (q.length() - LENS - 0.05).max(q.y - LENS);
-            reflectance = self.view.paint(reflectance, outline.abs() - 0.008, || 0.85);
+            reflectance = self.stage.paint(reflectance, outline.abs() - 0.008, || 0.85);
         }
         let (light, shine) = self.light(p, 0.0, Vec3::Z, on, 60.0);
         reflectance * light + 0.004 * shine
@@ -174,21 +174,21 @@ impl Leds {
             rectangle(Vec2::new(x * pitch, q.y.abs() - half.y), Vec2::new(0.25 * pitch, 0.05))
                 .max(q.x.abs() - half.x)
         };
-        v = self.view.paint(v, metal, || {
+        v = self.stage.paint(v, metal, || {
             let normal = Vec3::new(0.0, 0.5 * q.y.signum(), 0.87);
             let (light, shine) = self.light(p, 0.02, normal, on, 12.0);
             0.5 * light + 0.1 * shine
         });
         let housing = if *leads == 0 { *half - Vec2::new(0.03, 0.0) } else { *half - Vec2::new(0.0, 0.012) };
-        self.view.paint(v, rounded(q, housing, 0.008), || {
+        self.stage.paint(v, rounded(q, housing, 0.008), || {
             let bevel = rounded(q, housing - 0.018, 0.008).max(0.0) * 35.0;
             let normal = (Vec3::Z + bevel * q.signum().extend(0.0) * 0.7).normalize();
             let (light, shine) = self.light(p, 0.05, normal, on, 20.0);
             let speckle = 0.8 + 0.4 * self.board.value(90.0 * p);
             let black = 0.028 * speckle * light + 0.003 * shine;
             let dot = if *leads == 0 { 1.0 } else { (q - Vec2::new(-0.25, 0.07)).length() - 0.018 };
-            let black = self.view.paint(black, dot, || 0.008 * light);
-            self.view.paint(black, mark.distance(q), || 0.6 * light)
+            let black = self.stage.paint(black, dot, || 0.008 * light);
+            self.stage.paint(black, mark.distance(q), || 0.6 * light)
         })
     }
 
@@ -201,7 +201,7 @@ impl Leds {
         } else if r < 0.3 {
             v *= 0.35 + 0.65 * smooth_step(LENS - 0.02, LENS + 0.05, (q - 0.015).length());
         }
-        self.view.paint(v, r - LENS, || {
+        self.stage.paint(v, r - LENS, || {
             let normal = sphere_normal(q, LENS);
             // The cup with the die, the bond wire and the rim of the lens are seen whether it is on or not.
             let cup = smooth_step(0.085, 0.075, r);
@@ -213,15 +213,15 @@ impl Leds {
             let (light, shine) = self.light(p, 0.1, normal, others, 80.0);
             let window = rounded(q + Vec2::new(0.055, 0.06), Vec2::new(0.022, 0.016), 0.005);
             let off = (0.22 - 0.10 * cup + 0.12 * rim) * light + 0.05 * shine;
-            let off = self.view.paint(off, wire, || 0.5 * light);
-            let off = self.view.paint(off, die, || 0.35 * light);
-            let off = self.view.paint(off, window, || 0.012);
+            let off = self.stage.paint(off, wire, || 0.5 * light);
+            let off = self.stage.paint(off, die, || 0.35 * light);
+            let off = self.stage.paint(off, window, || 0.012);
             if !on[index] {
                 return off;
             }
             let lit = 0.8.lerp(3.0, cup) * (0.55 + 0.45 * normal.z) * (1.0 - 0.35 * rim);
-            let lit = self.view.paint(lit, die, || 40.0);
-            self.view.paint(lit, wire, || 0.9)
+            let lit = self.stage.paint(lit, die, || 40.0);
+            self.stage.paint(lit, wire, || 0.9)
         })
     }
 }
@@ -230,7 +230,7 @@ impl Scene for Leds {
     fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         let on = Self::on(t);
         Box::new(move |position| {
-            let p = self.view.place(position);
+            let p = self.stage.point(position);
             let v = self.board(p, on);
             let v = self.parts.iter().fold(v, |v, part| self.part(v, p, part, on));
             (0..2).fold(v, |v, index| self.led(v, p, index, on))

@@ -1,6 +1,6 @@
 //! Built-in scenes: no file needed, any size, any length, the same from the same seed.
 //!
-//! They are laid out in the largest centred square of the image (`shape::View`) and go on beyond it in wider or
+//! They are laid out in the largest centred square of the image (`shape::Stage`) and go on beyond it in wider or
 //! higher images. Radiance is in units of the scene's bright parts: about 1 at the 99th percentile, lamps and
 //! glints far above, dark corners at 10⁻³ and less.
 

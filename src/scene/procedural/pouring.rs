@@ -8,7 +8,7 @@ use super::super::Scene;
 use super::glyph::Text;
 use super::light::Lamp;
 use super::shape::{
-    Grid, Lathe, View, ellipse, floor, fract, rectangle, rounded, smooth_step, sphere_normal,
+    Buckets, Lathe, Stage, ellipse, floor, fract, rectangle, rounded, smooth_step, sphere_normal,
 };
 use super::texture::Noise;
 
@@ -42,7 +42,7 @@ const AMBIENT: f32 = 0.002;
 /// Radiance: pane 0.05 to 0.6, glints 1 to 8, liquid 0.1, bottle and table 0.01 to 0.0002.
 #[derive(Clone, Debug)]
 pub struct Pouring {
-    view: View,
+    stage: Stage,
     texture: Noise,
     chance: Noise,
     lamp: Lamp,
@@ -64,15 +64,15 @@ struct Liquid {
     t: f32,
     level: f32,
     drops: Vec<Drop>,
-    drops_at: Grid,
+    drops_at: Buckets,
     bubbles: Vec<Drop>,
-    bubbles_at: Grid,
+    bubbles_at: Buckets,
 }
 
 impl Drop {
     /// Where drops may be seen.
-    fn grid(drops: &[Drop]) -> Grid {
-        Grid::new(drops.iter().map(|drop| (drop.middle, Vec2::splat(1.4 * drop.radius + 0.01))))
+    fn buckets(drops: &[Drop]) -> Buckets {
+        Buckets::new(drops.iter().map(|drop| (drop.middle, Vec2::splat(1.4 * drop.radius + 0.01))))
     }
 }
 
@@ -80,7 +80,7 @@ impl Pouring {
     /// The scene for images of `height` × `width` pixels.
     pub fn new(height: usize, width: usize, seed: u64) -> Self {
         Self {
-            view: View::new(height, width),
+            stage: Stage::new(height, width),
             texture: Noise::new(seed, 0),
             chance: Noise::new(seed, 1),
             lamp: Lamp { position: Vec3::new(-0.9, -1.1, 1.6), intensity: 0.05 },
@@ -140,7 +140,7 @@ impl Pouring {
                 });
             }
         }
-        let (drops_at, bubbles_at) = (Drop::grid(&drops), Drop::grid(&bubbles));
+        let (drops_at, bubbles_at) = (Drop::buckets(&drops), Drop::buckets(&bubbles));
         Liquid { t, level, drops, drops_at, bubbles, bubbles_at }
     }
 
@@ -158,8 +158,8 @@ impl Pouring {
         let bright = (0.05 + 0.55 * (-4.5 * hot).exp()) * frost;
         let bar = |x: f32| 0.22 * (fract(x / 0.22 + 0.5) - 0.5).abs() - 0.008;
         let grid = bar(q.x).min(bar(q.y));
-        let bright = self.view.paint(bright, grid, || 0.22 * bright);
-        self.view.paint(0.0035, pane, || bright)
+        let bright = self.stage.paint(bright, grid, || 0.22 * bright);
+        self.stage.paint(0.0035, pane, || bright)
     }
 
     fn table(&self, p: Vec2) -> f32 {
@@ -217,7 +217,7 @@ impl Pouring {
             let normal = Vec3::new(s, slope, (1.0 - s * s).max(0.0).sqrt() + 0.05).normalize();
             self.lens(p, normal, radius, 0.85)
         };
-        self.view.cover_with(p.x.abs() - radius, thread, below)
+        self.stage.cover_with(p.x.abs() - radius, thread, below)
     }
 
     fn drop(&self, below: f32, p: Vec2, drop: &Drop) -> f32 {
@@ -226,7 +226,7 @@ impl Pouring {
             return below;
         }
         let radii = drop.radius * Vec2::new(drop.stretch.sqrt().recip(), drop.stretch);
-        self.view
+        self.stage
             .paint(below, ellipse(q, radii), || self.lens(p, sphere_normal(q / radii, 1.0), drop.radius, 0.9))
     }
 
@@ -250,7 +250,7 @@ impl Pouring {
                 + 0.2 * AMBIENT;
             for bubble in liquid.bubbles_at.at(p).map(|index| &liquid.bubbles[index]) {
                 let q = p - bubble.middle;
-                v = self.view.paint(v, q.length() - bubble.radius, || {
+                v = self.stage.paint(v, q.length() - bubble.radius, || {
                     let normal = sphere_normal(q, bubble.radius);
                     v * (0.15 + 1.1 * normal.z.powi(2))
                         + 2.5 * self.lamp.highlight(p.extend(0.2), normal, 120.0)
@@ -258,15 +258,15 @@ impl Pouring {
             }
             v
         };
-        v = self.view.paint(v, oval, || {
+        v = self.stage.paint(v, oval, || {
             let wave = (50.0 * (p.x.abs() + 3.0 * (p.y - surface).abs()) - 0.55 * liquid.t).sin();
             let v = self.wall(Vec2::new(p.x, -0.2 - 4.0 * (p.y - surface))) * (0.55 + 0.3 * wave);
             v + 0.9 * smooth_step(0.92, 1.0, wave) * smooth_step(0.22, 0.05, p.x.abs())
         });
         // The meniscus is a bright line with a dark one below.
         let line = p.y - surface - 0.035 * (1.0 - s * s).sqrt();
-        v = self.view.paint(v, (line - 0.012).abs() - 0.006, || 0.25 * v);
-        self.view.paint(v, line.abs() - 0.005, || v + 0.12 * (1.0 - s * s))
+        v = self.stage.paint(v, (line - 0.012).abs() - 0.006, || 0.25 * v);
+        self.stage.paint(v, line.abs() - 0.005, || v + 0.12 * (1.0 - s * s))
     }
 
     fn glass(&self, p: Vec2, liquid: &Liquid, below: impl FnOnce() -> f32) -> f32 {
@@ -285,19 +285,19 @@ impl Pouring {
                 let s = (p.x.abs() - half) / WALL;
                 0.012 + 0.30 * smooth_step(0.12, 0.0, (s - 0.65).abs()) * (1.0 - 0.6 * p.y)
             };
-            self.view.cover_with(inner, || self.inside(p, liquid), || wall)
+            self.stage.cover_with(inner, || self.inside(p, liquid), || wall)
         };
-        let mut v = self.view.cover_with(outer, within, below);
+        let mut v = self.stage.cover_with(outer, within, below);
         // Rim, reflection of the lamp along the side, scale.
         let rim = ellipse(p - Vec2::new(0.0, RIM), Vec2::new(half + WALL, 0.03)).abs() - 0.006;
-        v = self.view.paint(v, rim, || 0.05 + 0.5 * smooth_step(0.25, 0.0, (p.x + 0.16).abs()));
+        v = self.stage.paint(v, rim, || 0.05 + 0.5 * smooth_step(0.25, 0.0, (p.x + 0.16).abs()));
         let side = p.x + 0.72 * half;
         let streak = (side.abs() - 0.013).max((p.y - 0.33).abs() - 0.20).max(0.008 - (p.y - 0.40).abs());
-        v = self.view.paint(v, streak, || v + 1.2);
+        v = self.stage.paint(v, streak, || v + 1.2);
         for (line, text) in self.marks.iter().enumerate() {
             let q = p - Vec2::new(0.20, 0.24 + 0.15 * line as f32);
             let tick = rectangle(q + Vec2::new(0.14, 0.0), Vec2::new(0.04, 0.005));
-            v = self.view.paint(v, tick.min(text.distance(q)), || 0.004);
+            v = self.stage.paint(v, tick.min(text.distance(q)), || 0.004);
         }
         v
     }
@@ -316,14 +316,14 @@ impl Pouring {
                 + 0.0008
                 + 1.5 * self.lamp.highlight(p.extend(0.2), normal, 500.0);
             let paper = rectangle(p + Vec2::new(0.0, 1.03), Vec2::new(1.0, 0.15));
-            self.view.paint(v, paper, || {
+            self.stage.paint(v, paper, || {
                 let q = Vec2::new(0.26 * normal.x.asin(), p.y);
                 let ink = self.label.distance(q + Vec2::new(0.0, 0.945));
                 let light = AMBIENT + self.lamp.on(p.extend(0.2), normal);
-                self.view.paint(0.6 * light, ink, || 0.04 * light)
+                self.stage.paint(0.6 * light, ink, || 0.04 * light)
             })
         };
-        self.view.cover_with(self.bottle.distance(p), glass, below)
+        self.stage.cover_with(self.bottle.distance(p), glass, below)
     }
 }
 
@@ -339,7 +339,7 @@ impl Scene for Pouring {
     fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         let liquid = self.liquid(t);
         Box::new(move |position| {
-            let p = self.view.place(position);
+            let p = self.stage.point(position);
             // From the front to the back: what is hidden is not worked out.
             let back = || self.back(p);
             let air = || if p.y < RIM + 0.03 { self.air(p, &liquid, back) } else { back() };

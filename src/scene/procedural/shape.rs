@@ -8,23 +8,23 @@ use glam::{FloatExt, Mat3, Vec2, Vec3};
 /// Width in pixels over which a drawn edge goes from one side to the other, as a sharp lens would have it.
 const EDGE: f32 = 0.6;
 
-/// The layout: the largest centred square of the image is [−1, 1]².
+/// The stage on which a scene is laid out: the largest centred square of the image is [−1, 1]².
 #[derive(Clone, Copy, Debug)]
-pub struct View {
+pub struct Stage {
     middle: Vec2,
     /// Pixels per unit.
     scale: f32,
 }
 
-impl View {
-    /// The layout of an image of `height` × `width` pixels.
+impl Stage {
+    /// That of an image of `height` × `width` pixels.
     pub fn new(height: usize, width: usize) -> Self {
         let size = Vec2::new(width.max(1) as f32, height.max(1) as f32);
         Self { middle: size / 2.0, scale: size.min_element() / 2.0 }
     }
 
-    /// The place of an image position (pixels).
-    pub fn place(&self, position: Vec2) -> Vec2 {
+    /// The point of the stage at an image position (pixels).
+    pub fn point(&self, position: Vec2) -> Vec2 {
         (position - self.middle) / self.scale
     }
 
@@ -81,41 +81,41 @@ pub fn fract(x: f32) -> f32 {
     x - floor(x)
 }
 
-/// Which of many small things may be at a place.
+/// Which of many small things may be at a place: squares, and what touches them.
 #[derive(Clone, Debug)]
-pub struct Grid {
-    /// Row by row: the indices of the things whose bounds touch the cell.
-    cells: Vec<Vec<u16>>,
+pub struct Buckets {
+    /// Row by row: the indices of the things whose bounds touch the square.
+    squares: Vec<Vec<u16>>,
 }
 
-impl Grid {
-    /// Cells along each side of [−1, 1]²; those at the rim go on outwards.
+impl Buckets {
+    /// Squares along each side of [−1, 1]²; those at the rim go on outwards.
     const SIDE: usize = 32;
 
-    /// A grid of things with the given middles and half extents.
+    /// Those of things with the given middles and half extents.
     pub fn new(bounds: impl IntoIterator<Item = (Vec2, Vec2)>) -> Self {
-        let mut cells = vec![Vec::new(); Self::SIDE * Self::SIDE];
+        let mut squares = vec![Vec::new(); Self::SIDE * Self::SIDE];
         for (index, (middle, half)) in bounds.into_iter().enumerate() {
-            let ([left, top], [right, bottom]) = (Self::cell(middle - half), Self::cell(middle + half));
+            let ([left, top], [right, bottom]) = (Self::square(middle - half), Self::square(middle + half));
             for row in top..=bottom {
                 for column in left..=right {
-                    cells[row * Self::SIDE + column].push(index as u16);
+                    squares[row * Self::SIDE + column].push(index as u16);
                 }
             }
         }
-        Self { cells }
+        Self { squares }
     }
 
-    /// Column and row of the cell at `p`.
-    fn cell(p: Vec2) -> [usize; 2] {
+    /// Column and row of the square at `p`.
+    fn square(p: Vec2) -> [usize; 2] {
         let side = Self::SIDE as f32;
         [p.x, p.y].map(|x| ((x + 1.0) * side / 2.0).clamp(0.0, side - 1.0) as usize)
     }
 
     /// Indices of the things that may be at `p`, in their order.
     pub fn at(&self, p: Vec2) -> impl Iterator<Item = usize> {
-        let [column, row] = Self::cell(p);
-        self.cells[row * Self::SIDE + column].iter().map(|index| usize::from(*index))
+        let [column, row] = Self::square(p);
+        self.squares[row * Self::SIDE + column].iter().map(|index| usize::from(*index))
     }
 }
 
@@ -291,10 +291,10 @@ mod tests {
     }
 
     #[test]
-    fn grids_find_what_is_there() {
+    fn buckets_find_what_is_there() {
         let things = [(Vec2::ZERO, Vec2::splat(0.2)), (Vec2::new(0.9, -3.0), Vec2::splat(0.5))];
-        let grid = Grid::new(things);
-        let at = |x, y| grid.at(Vec2::new(x, y)).collect::<Vec<_>>();
+        let buckets = Buckets::new(things);
+        let at = |x, y| buckets.at(Vec2::new(x, y)).collect::<Vec<_>>();
         assert_eq!(at(0.15, -0.19), [0]);
         assert!(at(0.5, 0.5).is_empty());
         assert_eq!(at(1.3, -2.6), [1]);
@@ -303,9 +303,9 @@ mod tests {
     #[test]
     fn the_square_fits_any_image() {
         for (height, width) in [(128, 128), (64, 256), (300, 100), (1, 1)] {
-            let view = View::new(height, width);
-            let corner = view.place(Vec2::new(width as f32, height as f32));
-            assert_eq!(corner, view.extent());
+            let stage = Stage::new(height, width);
+            let corner = stage.point(Vec2::new(width as f32, height as f32));
+            assert_eq!(corner, stage.extent());
             assert_eq!(corner.min_element(), 1.0);
         }
     }

@@ -7,7 +7,7 @@ use super::chart::Chart;
 use super::glyph::Text;
 use super::light::{Lamp, glow};
 use super::shape::{
-    Lathe, View, ellipse, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal,
+    Lathe, Stage, ellipse, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal,
 };
 use super::texture::Noise;
 
@@ -38,7 +38,7 @@ const AMBIENT: f32 = 0.002;
 /// Radiance: bulb 3 to 20, shade 0.5, wall in the light 0.15, desk 0.1, the corner 0.001 (white) to 0.0002.
 #[derive(Clone, Debug)]
 pub struct Still {
-    view: View,
+    stage: Stage,
     texture: Noise,
     wood: Noise,
     lamp: Lamp,
@@ -67,7 +67,7 @@ struct Book {
 impl Still {
     /// The scene for images of `height` × `width` pixels; with a `speed` above 0 px/frame, there is a ball.
     pub fn new(height: usize, width: usize, seed: u64, speed: f32) -> Self {
-        let view = View::new(height, width);
+        let stage = Stage::new(height, width);
         let mut left = BOOKS;
         let book = |(title, width, height, reflectance): (&str, f32, f32, f32)| {
             let book = Book { left, width, height, reflectance, title: Text::new(title, 0.5 * width, 0.17) };
@@ -75,7 +75,7 @@ impl Still {
             book
         };
         Self {
-            view,
+            stage,
             texture: Noise::new(seed, 0),
             wood: Noise::new(seed, 1),
             lamp: Lamp { position: BULB, intensity: 0.09 },
@@ -102,7 +102,7 @@ impl Still {
             .collect(),
             chart: Chart::new(),
             page: Text::new("HDR", 0.13, 0.18),
-            speed: speed * view.pixel(),
+            speed: speed * stage.pixel(),
         }
     }
 
@@ -144,16 +144,16 @@ impl Still {
         }
         v *= 1.0 - 0.5 * smooth_step(0.06, 0.0, rectangle(q - 0.02, Vec2::new(0.34, 0.26)));
         v = self
-            .view
+            .stage
             .paint(v, frame, || 0.10 * light * (1.0 + 2.0 * smooth_step(0.02, 0.0, (frame + 0.03).abs())));
-        v = self.view.paint(v, frame + 0.045, || 0.8 * light);
-        self.view.paint(v, frame + 0.085, || {
+        v = self.stage.paint(v, frame + 0.045, || 0.8 * light);
+        self.stage.paint(v, frame + 0.085, || {
             let ridge = |x: f32, layer: f32| 0.09 * self.texture.fractal(Vec2::new(5.0 * x, layer), 3);
             let mut v = 0.45 * light;
-            v = self.view.paint(v, (q - Vec2::new(0.12, -0.09)).length() - 0.035, || 0.9 * light);
-            v = self.view.paint(v, 0.01 - ridge(q.x, 3.0) - q.y + 0.03, || 0.22 * light);
-            v = self.view.paint(v, 0.10 - ridge(q.x, 9.0) - q.y, || 0.09 * light);
-            self.view.paint(v, 0.16 - ridge(q.x, 20.0) - q.y, || 0.03 * light)
+            v = self.stage.paint(v, (q - Vec2::new(0.12, -0.09)).length() - 0.035, || 0.9 * light);
+            v = self.stage.paint(v, 0.01 - ridge(q.x, 3.0) - q.y + 0.03, || 0.22 * light);
+            v = self.stage.paint(v, 0.10 - ridge(q.x, 9.0) - q.y, || 0.09 * light);
+            self.stage.paint(v, 0.16 - ridge(q.x, 20.0) - q.y, || 0.03 * light)
         })
     }
 
@@ -181,7 +181,7 @@ impl Still {
         let mut v = shadow * (0.45 * grain * light) + polish;
         // A sheet of paper with a heading and lines, and a pencil.
         let q = Vec2::from_angle(0.16).rotate((p - Vec2::new(0.28, 0.82)) * Vec2::new(1.0, 1.6));
-        v = self.view.paint(v, rectangle(q, Vec2::new(0.30, 0.21)), || {
+        v = self.stage.paint(v, rectangle(q, Vec2::new(0.30, 0.21)), || {
             let lit = 0.85 * light * (0.5 + 0.5 * shadow);
             let row = (q.y - 0.01) / 0.055;
             let rows = (fract(row) - 0.5).abs() * 0.055 - 0.02;
@@ -189,12 +189,12 @@ impl Still {
             let text =
                 (-rows).max(words * 0.04).max(rectangle(q - Vec2::new(0.0, 0.08), Vec2::new(0.24, 0.10)));
             let ink = text.min(self.page.distance(q + Vec2::new(0.10, 0.12)));
-            self.view.paint(lit, ink, || 0.12 * lit)
+            self.stage.paint(lit, ink, || 0.12 * lit)
         });
         let (a, b) = (Vec2::new(-0.12, 0.90), Vec2::new(-0.52, 0.84));
         v *= 1.0 - 0.6 * smooth_step(0.035, 0.012, segment(p - Vec2::new(0.01, 0.018), a, b));
         let pencil = segment(p, a, b) - 0.014;
-        self.view.paint(v, pencil, || {
+        self.stage.paint(v, pencil, || {
             let along = (p - b).dot((a - b).normalize()) / (a - b).length();
             let paint = match along {
                 ..0.02 => 0.02,
@@ -210,10 +210,10 @@ impl Still {
         let q = p - CHART;
         let card = || {
             let light = self.light(p.extend(0.05), Vec3::Z);
-            let ink = self.chart.ink(&self.view, q / CHART_HALF, CHART_HALF);
+            let ink = self.chart.ink(&self.stage, q / CHART_HALF, CHART_HALF);
             light * 0.9.lerp(0.04, ink)
         };
-        self.view.cover_with(rounded(q, Vec2::splat(CHART_HALF), 0.01), card, below)
+        self.stage.cover_with(rounded(q, Vec2::splat(CHART_HALF), 0.01), card, below)
     }
 
     fn books(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
@@ -237,9 +237,9 @@ impl Still {
                 .min((q.y.abs() - 0.34 * book.height).abs() - 0.004);
             let title = book.title.distance(Vec2::new(q.y, -q.x));
             let gold = if book.reflectance > 0.4 { 0.05 } else { 0.75 };
-            self.view.paint(cloth * light + leather, bands.min(title), || gold * light)
+            self.stage.paint(cloth * light + leather, bands.min(title), || gold * light)
         };
-        self.view.cover_with(rounded(q, half, 0.012), spine, below)
+        self.stage.cover_with(rounded(q, half, 0.012), spine, below)
     }
 
     fn bottle(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
@@ -258,24 +258,24 @@ impl Still {
             // Images of the bulb and of a far window.
             v += 9.0 * self.lamp.highlight(point, normal.with_y(-0.28).normalize(), 900.0);
             let pane = rounded(Vec2::new(normal.x - 0.55, (q.y - 0.30) * 3.0), Vec2::new(0.09, 0.42), 0.03);
-            v = self.view.paint(v, 0.1 * pane, || v + 0.035);
+            v = self.stage.paint(v, 0.1 * pane, || v + 0.035);
             let streak = (normal.x + 0.62).abs() - 0.05;
-            v = self.view.paint(v, 0.1 * streak.max((q.y - 0.30).abs() - 0.24), || v + 0.5);
+            v = self.stage.paint(v, 0.1 * streak.max((q.y - 0.30).abs() - 0.24), || v + 0.5);
             // Paper label round it.
             let label = rectangle(q - Vec2::new(0.0, 0.38), Vec2::new(1.0, 0.10));
-            v = self.view.paint(v, label, || {
+            v = self.stage.paint(v, label, || {
                 let light = self.light(point, normal);
                 let around = Vec2::new(0.115 * normal.x.asin(), q.y);
                 let ink = self.label[0].distance(around - Vec2::new(0.0, 0.35));
                 let ink = ink
                     .min(self.label[1].distance(around - Vec2::new(0.0, 0.43)))
                     .min((label + 0.012).abs() - 0.004);
-                self.view.paint(0.75 * light, ink, || 0.06 * light)
+                self.stage.paint(0.75 * light, ink, || 0.06 * light)
             });
             let cork = q.y + 0.20;
-            self.view.paint(v, cork, || 0.35 * self.light(point, normal))
+            self.stage.paint(v, cork, || 0.35 * self.light(point, normal))
         };
-        self.view.cover_with(self.bottle.distance(q), glass, below)
+        self.stage.cover_with(self.bottle.distance(q), glass, below)
     }
 
     fn orange(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
@@ -290,9 +290,9 @@ impl Still {
             let peel = 0.45 * self.lamp.around(point, normal, 0.15)
                 + 0.45 * AMBIENT
                 + 0.5 * self.lamp.highlight(point, normal, 55.0);
-            self.view.paint(peel, stem, || 0.05 * self.light(point, normal) + 0.001)
+            self.stage.paint(peel, stem, || 0.05 * self.light(point, normal) + 0.001)
         };
-        self.view.cover_with(q.length() - 0.10, peel, below)
+        self.stage.cover_with(q.length() - 0.10, peel, below)
     }
 
     /// The ball at frame `t`, in front of everything.
@@ -312,24 +312,24 @@ impl Still {
             paint * (self.lamp.around(point, normal, 0.25) + 2.0 * AMBIENT)
                 + 0.2 * self.lamp.highlight(point, normal, 40.0)
         };
-        self.view.cover_with(q.length() - BALL, skin, below)
+        self.stage.cover_with(q.length() - BALL, skin, below)
     }
 
     fn lamp(&self, p: Vec2, below: impl FnOnce() -> f32) -> f32 {
         let q = Vec2::new(p.x - BULB.x, p.y);
         let r = p.distance(BULB.truncate() + Vec2::new(0.0, 0.06));
         let shade = self.shade.distance(q);
-        let mut v = if self.view.cover(shade) < 1.0 { below() } else { 0.0 };
+        let mut v = if self.stage.cover(shade) < 1.0 { below() } else { 0.0 };
         v += 0.09 * glow(r, 0.10) + 0.0012 * glow(r, 0.6);
         // Foot and pole.
         if q.x.abs() < 0.25 && p.y > -0.4 {
             let foot = ellipse(q - Vec2::new(0.0, STAND + 0.05), Vec2::new(0.17, 0.05));
-            v = self.view.paint(v, foot, || {
+            v = self.stage.paint(v, foot, || {
                 let light = self.light(Vec3::new(p.x, STAND, 0.3), Vec3::NEG_Y);
                 0.10 * light + 0.25 * light * smooth_step(0.02, 0.0, (foot + 0.02).abs())
             });
             let pole = rectangle(q - Vec2::new(0.0, 0.17), Vec2::new(0.018, 0.48));
-            v = self.view.paint(v, pole, || {
+            v = self.stage.paint(v, pole, || {
                 let s = q.x / 0.018;
                 let brass = 0.25 + 0.75 * smooth_step(0.5, 0.0, (s + 0.25).abs());
                 0.008 + 0.16 * brass * glow(p.y + 0.2, 0.35)
@@ -338,10 +338,10 @@ impl Still {
         if q.x.abs() > 0.32 {
             return v;
         }
-        v = self.view.paint(v, self.bulb.distance(q), || {
+        v = self.stage.paint(v, self.bulb.distance(q), || {
             2.0 + 16.0 * glow(p.distance(BULB.truncate() + Vec2::new(0.0, 0.03)), 0.05)
         });
-        self.view.paint(v, shade, || {
+        self.stage.paint(v, shade, || {
             // Cloth lit from inside, brightest near the bulb; pleats; hems.
             let normal = self.shade.normal(q);
             let near = glow(p.distance(BULB.truncate() - Vec2::new(0.0, 0.08)), 0.22);
@@ -349,7 +349,7 @@ impl Still {
             let weave = 0.9 + 0.2 * self.texture.value(Vec2::new(150.0, 90.0) * p);
             let hem = (p.y - SHADE[1].y).min(SHADE[0].y - p.y) - 0.022;
             let cloth = (0.06 + 0.75 * near) * pleats * weave * (0.45 + 0.55 * normal.z);
-            self.view.paint(cloth, hem, || 0.35 * cloth)
+            self.stage.paint(cloth, hem, || 0.35 * cloth)
         })
     }
 }
@@ -357,7 +357,7 @@ impl Still {
 impl Scene for Still {
     fn instant(&self, t: f32) -> Box<dyn Fn(Vec2) -> f32 + Sync + '_> {
         Box::new(move |position| {
-            let p = self.view.place(position);
+            let p = self.stage.point(position);
             // From the front to the back: what is hidden is not worked out.
             let back = || if p.y < DESK { self.wall(p) } else { self.desk(p) };
             let books = || self.books(p, || self.chart(p, back));

@@ -73,13 +73,22 @@ impl Skip {
     }
 }
 
+/// What holds for all windows that a gate decides about.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules<'a> {
+    /// What may be left out.
+    pub skip: Skip,
+    /// The cells of a window.
+    pub cells: &'a Cells,
+    /// Which frames a window sees.
+    pub window: Window,
+    /// Cells [rows, columns] around a changed one that are computed with it ([`Skip::spread`]).
+    pub spread: [usize; 2],
+}
+
 /// Decides what of each window to compute.
 pub struct Gate<'a> {
-    cells: &'a Cells,
-    skip: Skip,
-    window: Window,
-    /// Cells [rows, columns] around a changed one that are computed with it.
-    spread: [usize; 2],
+    rules: Rules<'a>,
     /// Noise as the capture states it.
     stated: Option<Scatter>,
     /// Frames ahead that results depend on noticeably: those whose measurements they are made of, not those that only
@@ -105,26 +114,17 @@ pub struct Choice {
 impl<'a> Gate<'a> {
     /// A gate for a run that delivers frames of `recording` from frame `number` on.
     pub fn new(
-        (cells, skip, window): (&'a Cells, Skip, Window),
-        spread: [usize; 2],
-        (recording, calibration): (&'a Recording, &'a Calibration),
+        rules: Rules<'a>,
+        recording: &'a Recording,
+        calibration: &'a Calibration,
         number: usize,
     ) -> Self {
-        let reference = Reference::new(cells, calibration, recording, matches!(skip, Skip::Bounded(_)));
+        let bounded = matches!(rules.skip, Skip::Bounded(_));
+        let reference = Reference::new(rules.cells, calibration, recording, bounded);
         let stated = Scatter::stated(recording);
         let noticed = calibration.period;
-        let mut gate = Self {
-            cells,
-            skip,
-            window,
-            spread,
-            stated,
-            noticed,
-            reference,
-            recording,
-            from: 0,
-            moves_everywhere: false,
-        };
+        let mut gate =
+            Self { rules, stated, noticed, reference, recording, from: 0, moves_everywhere: false };
         gate.from = gate.window_before(number);
         gate
     }
@@ -136,24 +136,26 @@ impl<'a> Gate<'a> {
 
     /// Frames before those of a window that the gate compares with.
     pub fn before(&self) -> i64 {
-        if self.skip == Skip::Off { 0 } else { self.cells.repeat as i64 }
+        let Rules { skip, cells, .. } = self.rules;
+        if skip == Skip::Off { 0 } else { cells.repeat as i64 }
     }
 
     /// Windows until every slab of the pattern's schedule has had its turn.
     fn turns(&self) -> i64 {
-        (self.cells.repeat as i64 / self.window.hop as i64).max(1)
+        let Rules { cells, window, .. } = self.rules;
+        (cells.repeat as i64 / window.hop as i64).max(1)
     }
 
     /// Windows from one that is computed in whole to the next one.
     fn renewal(&self) -> i64 {
-        (RENEWAL as i64 / self.window.hop as i64).max(2 * self.turns())
+        (RENEWAL as i64 / self.rules.window.hop as i64).max(2 * self.turns())
     }
 
     /// The window with which a run must begin to give frame `number` as if it had begun with the first one.
     fn window_before(&self, number: usize) -> i64 {
-        let (start, hop) = (self.recording.info.schedule_start, self.window.hop as i64);
+        let (start, hop) = (self.recording.info.schedule_start, self.rules.window.hop as i64);
         let k = (start + number as i64).div_euclid(hop);
-        match self.skip {
+        match self.rules.skip {
             Skip::Bounded(_) => (k - k.rem_euclid(self.renewal())).max(start.div_euclid(hop)),
             _ => k,
         }
@@ -161,20 +163,21 @@ impl<'a> Gate<'a> {
 
     /// What a report says of skipping, before anything is.
     pub fn skipped(&self) -> Option<Skipped> {
-        let allowed_error = match self.skip {
+        let allowed_error = match self.rules.skip {
             Skip::Off => return None,
             Skip::Exact => 0.0,
             Skip::Bounded(allowed) => allowed,
         };
-        let [_, rows, cols] = self.cells.extent();
+        let cells = self.rules.cells;
+        let [_, rows, cols] = cells.extent();
         Some(Skipped {
-            noise: match (self.skip, &self.stated) {
+            noise: match (self.rules.skip, &self.stated) {
                 (Skip::Bounded(_), Some(_)) => "stated",
                 (Skip::Bounded(_), None) => "estimated",
                 _ => "none",
             },
             allowed_error,
-            cell: [self.cells.size[1], self.cells.size[2]],
+            cell: [cells.size[1], cells.size[2]],
             computed: vec![0; rows * cols],
             grid: [rows, cols],
             ..Skipped::default()
@@ -184,12 +187,11 @@ impl<'a> Gate<'a> {
     /// Decides about window `k`, of whose frames those at schedule times `recorded` were recorded.
     pub fn choose(&mut self, k: i64, seen: &Seen<'_>, recorded: &Range<i64>) -> Choice {
         let first = k < self.from + self.turns();
-        match self.skip {
+        let Rules { skip, cells, spread, .. } = self.rules;
+        match skip {
             Skip::Off => Choice { active: None, audit: None },
             Skip::Exact if first => self.whole(None),
-            Skip::Exact => {
-                self.part(|gate, s| changed_at_all(seen, gate.cells, gate.around(k, s), gate.spread))
-            }
+            Skip::Exact => self.part(|gate, s| changed_at_all(seen, cells, gate.around(k, s), spread)),
             Skip::Bounded(allowed) => {
                 let renewed = first || k.rem_euclid(self.renewal()) < self.turns();
                 let moved_everywhere = std::mem::take(&mut self.moves_everywhere);
@@ -198,7 +200,7 @@ impl<'a> Gate<'a> {
                         .then(|| self.changed(k, 0, seen, allowed).iter().map(|changed| !changed).collect());
                     let scatter = self.stated.clone().or_else(|| {
                         let pairs = self.pairs(seen, recorded);
-                        Scatter::estimated(&pairs, self.cells, self.reference.readouts(), self.recording)
+                        Scatter::estimated(&pairs, cells, self.reference.readouts(), self.recording)
                     });
                     self.reference.set_scatter(scatter);
                     self.update_whole(k, seen);
@@ -221,13 +223,14 @@ impl<'a> Gate<'a> {
 
     /// All cells of a window.
     fn whole(&self, audit: Option<Vec<bool>>) -> Choice {
-        Choice { active: Some(Active::filled(self.cells.extent(), true)), audit }
+        Choice { active: Some(Active::filled(self.rules.cells.extent(), true)), audit }
     }
 
     /// Of each slab of a window, those cells that have `changed`.
     fn part(&mut self, mut changed: impl FnMut(&mut Self, usize) -> Vec<bool>) -> Choice {
-        let mut active = Active::filled(self.cells.extent(), false);
-        for s in 0..self.cells.slabs {
+        let cells = self.rules.cells;
+        let mut active = Active::filled(cells.extent(), false);
+        for s in 0..cells.slabs {
             active.slab_mut(s).copy_from_slice(&changed(self, s));
         }
         Choice { active: Some(active), audit: None }
@@ -236,16 +239,17 @@ impl<'a> Gate<'a> {
     /// Takes window `k`, all of which is computed, as the reference: its last slabs, which everything behind is compared
     /// with.
     fn update_whole(&mut self, k: i64, seen: &Seen<'_>) {
-        let all = vec![true; self.cells.rows() * self.cells.cols()];
-        let last = self.cells.repeat / self.cells.size[0];
-        for s in self.cells.slabs.saturating_sub(last)..self.cells.slabs {
+        let cells = self.rules.cells;
+        let all = vec![true; cells.rows() * cells.cols()];
+        let last = cells.repeat / cells.size[0];
+        for s in cells.slabs.saturating_sub(last)..cells.slabs {
             self.reference.update(seen, &self.slab(k, s), &all);
         }
     }
 
     /// Pairs of frames at the same phase of the pattern, of which both were recorded, with the later one's time.
     fn pairs(&self, seen: &Seen<'_>, recorded: &Range<i64>) -> Vec<(Arc<Frame>, Arc<Frame>, i64)> {
-        let before = |t: i64| t - self.cells.repeat as i64;
+        let before = |t: i64| t - self.rules.cells.repeat as i64;
         recorded
             .clone()
             .filter(|&t| before(t) >= self.recording.info.schedule_start)
@@ -255,24 +259,26 @@ impl<'a> Gate<'a> {
 
     /// Cells of slab `s` of window `k` that have changed since they were last computed.
     fn changed(&self, k: i64, s: usize, seen: &Seen<'_>, allowed: f64) -> Vec<bool> {
+        let Rules { cells, spread, .. } = self.rules;
         let allowed = (allowed * INPUT_SHARE) as f32;
         let changed = self.reference.changed(seen, &self.slab(k, s), &self.around(k, s), allowed);
-        self.cells.dilate(&changed, self.spread)
+        cells.dilate(&changed, spread)
     }
 
     /// Schedule times of slab `s` of window `k`.
     fn slab(&self, k: i64, s: usize) -> Range<i64> {
-        let len = self.cells.size[0] as i64;
-        let begin = k * self.window.hop as i64 + s as i64 * len;
+        let Rules { cells, window, .. } = self.rules;
+        let len = cells.size[0] as i64;
+        let begin = k * window.hop as i64 + s as i64 * len;
         begin..begin + len
     }
 
     /// Schedule times that the results of slab `s` of window `k` depend on.
     fn around(&self, k: i64, s: usize) -> Range<i64> {
-        let Window { frames, lead, hop } = self.window;
+        let Window { frames, lead, hop } = self.rules.window;
         let slab = self.slab(k, s);
         let ahead = frames - lead - hop;
-        let ahead = if matches!(self.skip, Skip::Bounded(_)) { ahead.min(self.noticed) } else { ahead };
+        let ahead = if matches!(self.rules.skip, Skip::Bounded(_)) { ahead.min(self.noticed) } else { ahead };
         slab.start - lead as i64..slab.end + ahead as i64
     }
 }

@@ -15,6 +15,6 @@ mod tally;
 
 pub use cells::{Active, Cells, cell_frames};
 pub use cover::{Cuboid, cover};
-pub use gate::{Choice, Gate, Skip};
+pub use gate::{Choice, Gate, Rules, Skip};
 pub use kept::Kept;
 pub use tally::{Audit, Skipped};
