@@ -141,7 +141,8 @@ impl CaptureFile {
         if self.recording.info.timing == Timing::Covering {
             return frame(self, t);
         }
-        let (mut covering, mut times) = (Covering::new(&self.recording, t), t..self.frames);
+        let mut covering = Covering::new(&self.recording, t);
+        let mut times = covering.first()..self.frames;
         let held = || times.next().map(|t| frame(self, t)).transpose();
         Ok(covering.next(held)?.expect("the capture has frame t"))
     }

@@ -2,7 +2,7 @@
 //!
 //! In each frame, a live camera delivers the read-out of each pixel that finished last. What covers frame t is known when
 //! that exposure ends, so frame t has to wait for the longest one. Exposures that end behind the last frame are not known;
-//! their frames keep the last value that is.
+//! their frames keep the last value that is, of an exposure as long.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -43,20 +43,31 @@ pub(super) struct Covering<P> {
     /// Held frames from frame `first` on.
     known: VecDeque<P>,
     first: usize,
+    /// Frames before the next one that are kept for the end of the recording.
+    back: usize,
     ended: bool,
     /// The frame that comes next.
     next: usize,
 }
 
 impl<P: Pixels> Covering<P> {
-    /// Of a recording of held read-outs, from frame `first` on.
-    pub fn new(recording: &Recording, first: usize) -> Self {
+    /// Of a recording of held read-outs, from frame `next` on.
+    pub fn new(recording: &Recording, next: usize) -> Self {
         let Recording { info, pattern, width, .. } = recording;
         let (pattern, start, width) = (pattern.clone(), info.schedule_start, *width);
-        Self { pattern, start, width, known: VecDeque::new(), first, ended: false, next: first }
+        // Where exposures of a pixel alternate, each was there a period ago at the latest.
+        let alternate = pattern.schedules().iter().any(|pixel| pixel.exposure().is_none());
+        let back = if alternate { pattern.period() } else { 0 };
+        let first = next.saturating_sub(back);
+        Self { pattern, start, width, known: VecDeque::new(), first, back, ended: false, next }
     }
 
-    /// The next frame, if there is one; `held` gives the held frames one after the other.
+    /// The frame with which held frames have to begin.
+    pub fn first(&self) -> usize {
+        self.first
+    }
+
+    /// The next frame, if there is one; `held` gives the held frames from [`Covering::first`] on, one after the other.
     pub fn next(&mut self, mut held: impl FnMut() -> Result<Option<P>>) -> Result<Option<P>> {
         let t = self.next;
         while !self.ended && self.first + self.known.len() <= t + self.pattern.longest_readout() {
@@ -69,21 +80,34 @@ impl<P: Pixels> Covering<P> {
             return Ok(None);
         }
         let (rows, cols) = (self.pattern.rows(), self.pattern.cols());
-        let schedule = self.start + t as i64;
-        let last = self.first + self.known.len() - 1;
-        // For each pixel of the pattern's tile, the held frame that shows what covers this one.
-        let end = |pixel: &Schedule| t + (pixel.covering(schedule).end() - schedule) as usize;
         let shown: Vec<usize> =
-            self.pattern.schedules().iter().map(|pixel| end(pixel).min(last) - self.first).collect();
+            self.pattern.schedules().iter().map(|pixel| self.shown(pixel, t) - self.first).collect();
         let place = |i: usize| i / self.width % rows * cols + i % self.width % cols;
         let frame = P::gathered(&self.known, |i| shown[place(i)]);
         self.next += 1;
         // The last frame stands in for those behind it.
-        if self.known.len() > 1 {
+        while self.known.len() > 1 && self.first + self.back < self.next {
             self.known.pop_front();
             self.first += 1;
         }
         Ok(Some(frame))
+    }
+
+    /// The known frame that shows what covers frame `t` of a pixel. Where that ends behind the last one, it is the last
+    /// that shows an exposure as long, or the last of all.
+    fn shown(&self, pixel: &Schedule, t: usize) -> usize {
+        let (schedule, last) = (self.start + t as i64, self.first + self.known.len() - 1);
+        let covering = pixel.covering(schedule);
+        let end = t + (covering.end() - schedule) as usize;
+        if end <= last {
+            return end;
+        }
+        let shows_as_long = |frame: &usize| {
+            // A frame shows the read-out before the one that covers it.
+            let begun = pixel.covering(self.start + *frame as i64).start;
+            pixel.covering(begun - 1).shutter.exposure() == covering.shutter.exposure()
+        };
+        (self.first..=last).rev().find(shows_as_long).unwrap_or(last)
     }
 }
 
@@ -139,7 +163,9 @@ pub fn hold_to_covering(capture: &Capture) -> Cow<'_, Capture> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Form, Noise, Sampler};
+    use serde_json::Map;
+
+    use super::super::{CaptureFile, Form, Noise, Sampler};
     use super::*;
     use crate::video::Video;
 
@@ -160,6 +186,30 @@ mod tests {
         let measurement = converted.measurement();
         for t in 0..40 - longest {
             assert_eq!(measurement.frame(t), covering.frame(t), "frame {t}");
+        }
+    }
+
+    /// In a static scene every read-out of one exposure has one value, so both timings say the same to the end, wherever a
+    /// recording ends in the pattern's period, and frames by themselves say the same as in a row.
+    #[test]
+    fn the_end_keeps_the_exposure() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["interleaved", "mpve-1-4", "coded"] {
+            let pattern = Pattern::built_in(name).unwrap();
+            for (frames, start) in [(31, 0), (32, 3), (37, -5), (40, 8), (41, 1), (49, 0)] {
+                let mut sampler = Sampler::new(pattern.clone(), Form::Linear).unwrap();
+                (sampler.noise, sampler.schedule_start) = (Noise::NONE, start);
+                let video = Video { frames, height: 4, width: 4, data: vec![0.1; frames * 16] };
+                let covering = sampler.sample(&video).unwrap().measurement();
+                sampler.timing = Timing::Hold;
+                let held = sampler.sample(&video).unwrap();
+                assert!(hold_to_covering(&held).measurement() == covering, "{name}: {frames} from {start}");
+                held.write(folder.path()).unwrap();
+                let mut file = CaptureFile::open(folder.path(), &Map::new()).unwrap();
+                for t in [0, frames - 11, frames - 3, frames - 1] {
+                    assert_eq!(file.pixel_values(t).unwrap(), covering.frame(t), "{name}: {t} of {frames}");
+                }
+            }
         }
     }
 }

@@ -88,8 +88,8 @@ const MUTANTS: [Mutant; 23] = [
     Mutant {
         what: "held read-outs are taken at the wrong phase",
         file: "src/sensor/covering.rs",
-        sound: "(pixel.covering(schedule).end() - schedule)",
-        faulty: "(pixel.covering(schedule + 1).end() - schedule)",
+        sound: "let covering = pixel.covering(schedule);",
+        faulty: "let covering = pixel.covering(schedule + 1);",
         test: ["synthesis", "hold_equals_covering"],
     },
     Mutant {
