@@ -5,7 +5,7 @@ mod support;
 use pix2hdr::Error;
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Options, Variant, adapters};
-use pix2hdr::network::{Executor, Inspect, Layer, Model, Plan, Precision, Step, presets};
+use pix2hdr::network::{Executor, Inspect, Layer, Model, Plan, Precision, Step, Window, presets};
 use support::{calibration, gpu, measurement, plan, variants};
 
 fn model(preset: &str) -> Model {
@@ -257,6 +257,79 @@ fn what_f16_cannot_hold_is_stored_in_other_units() {
     assert!(unit.log2().fract() == 0.0 && *unit > 1.0, "{unit}");
     close(&run(&mut executor, &plan, &windows[2], 0), &expected[2]);
     assert_eq!(executor.rescaled(), rescaled);
+}
+
+/// Windows of nine result frames, of a recording from window `k` on, and their plans: whole, and for streams.
+fn windows_of_nine(model: &Model) -> ([Plan; 2], impl Fn(usize, usize) -> Vec<f32> + use<>) {
+    let mut model = model.clone();
+    let Window { frames, lead, hop } = model.graph.window;
+    let frames = frames - hop + 9;
+    model.graph.window = Window { frames, lead, hop: 9 };
+    let plans =
+        [Plan::lower(&model, 16, 24), Plan::streaming(&model, 16, 24, usize::MAX)].map(Result::unwrap);
+    let window = move |seed: usize, k: usize| {
+        let first = k * 9 * 16 * 24;
+        let value = |i: usize| ((i + 977 * seed) * 7919 % 1031) as f32 / 1030.0;
+        (first..first + frames * 16 * 24).map(value).collect()
+    };
+    (plans, window)
+}
+
+/// What a window takes over from the one before it is what it would have computed, also where sequences take turns.
+#[test]
+fn windows_that_follow_give_the_same_bits() {
+    let ([whole, plan], window) = windows_of_nine(&model("tiny"));
+    assert!(plan.following.is_some() && plan.flop() < whole.flop());
+    for precision in [Precision::F32, Precision::F16] {
+        let mut alone = at(precision, &whole).unwrap();
+        let mut executor = at(precision, &plan).unwrap();
+        let mut states = [(); 2].map(|()| executor.state().unwrap());
+        for k in 0..4 {
+            // The second one leaves a window out.
+            let windows = [k, if k < 2 { k } else { k + 1 }];
+            let schedule = |k: usize| 9 * k as i64 - 4;
+            for (seed, (&k, state)) in windows.iter().zip(&mut states).enumerate() {
+                executor.submit(&window(seed, k), schedule(k), Some(state)).unwrap();
+            }
+            for (seed, &k) in windows.iter().enumerate() {
+                let mut result = vec![f32::NAN; plan.result.shape.len()];
+                executor.collect(&mut result).unwrap();
+                let expected = run(&mut alone, &whole, &window(seed, k), schedule(k));
+                assert!(result == expected, "window {k} of sequence {seed} at {precision:?}");
+            }
+        }
+    }
+}
+
+/// What f16 could not hold is not taken over: windows that were submitted on top of it are computed again.
+#[test]
+fn what_f16_cannot_hold_is_not_taken_over() {
+    let net = |factor: f32| {
+        let mut model = model("tiny");
+        let names = ["level1block1a", "level1block1b"];
+        let [mut first, mut second] = names.map(|name| (*model.layers[name]).clone());
+        first.weight.iter_mut().chain(&mut first.bias).for_each(|value| *value *= factor);
+        second.weight.iter_mut().for_each(|weight| *weight /= factor);
+        for (name, layer) in names.into_iter().zip([first, second]) {
+            model.layers.insert(name.into(), layer.into());
+        }
+        windows_of_nine(&model)
+    };
+    let ([whole, _], window) = net(1.0);
+    let mut plain = at(Precision::F16, &whole).unwrap();
+    let ([_, plan], _) = net(2f32.powi(40));
+    let mut executor = at(Precision::F16, &plan).unwrap();
+    let mut state = executor.state().unwrap();
+    let mut result = vec![0.0; plan.result.shape.len()];
+    executor.submit(&window(0, 0), 0, Some(&mut state)).unwrap();
+    for k in 0..4 {
+        executor.submit(&window(0, k + 1), 9 * (k as i64 + 1), Some(&mut state)).unwrap();
+        executor.collect(&mut result).unwrap();
+        let expected = run(&mut plain, &whole, &window(0, k), 9 * k as i64);
+        let error = result.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(error < 1e-4, "window {k}: {error}");
+    }
+    assert_eq!(executor.rescaled().len(), 1);
 }
 
 /// The largest value that f16 can hold needs no other unit, the next f32 does.

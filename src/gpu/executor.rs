@@ -19,7 +19,9 @@ use super::tune::Tuning;
 use super::variant::Variant;
 use super::weights::loaded;
 use super::{Gpu, GpuError};
-use crate::network::{Executor, Inspect, Plan, Precision, State, Step, Tensor, View, WindowTime, check_len};
+use crate::network::{
+    Carry, Executor, Inspect, Plan, Precision, State, Step, Tensor, View, WindowTime, check_len,
+};
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
@@ -38,11 +40,14 @@ pub struct GpuExecutor {
     precision: Precision,
     formats: Formats,
     slots: Vec<wgpu::Buffer>,
+    /// All steps: those of a window by itself, then those of one that follows another one.
     steps: Vec<Recorded>,
     /// What f16 could not hold, by step.
     overflow: wgpu::Buffer,
     /// The power of two in which each tensor is stored.
     units: Vec<f32>,
+    /// How often a unit has changed: what a window leaves is of use only in the units that it was computed in.
+    rescalings: usize,
     /// Uniform buffer with the schedule time in the pattern's period.
     schedule: wgpu::Buffer,
     period: usize,
@@ -76,6 +81,16 @@ struct InFlight {
     submission: wgpu::SubmissionIndex,
     /// The measurement and its schedule time, where the window may have to be computed again.
     window: Option<(Vec<f32>, i64)>,
+    /// If it follows another window: how often units had changed when that left what it took over.
+    follows: Option<usize>,
+}
+
+/// What the windows of a sequence leave for each other.
+struct Left {
+    /// By [`Plan::carries`].
+    buffers: Vec<wgpu::Buffer>,
+    /// How often units had changed when a window left this.
+    rescalings: usize,
 }
 
 impl GpuExecutor {
@@ -100,7 +115,7 @@ impl GpuExecutor {
         let formats = Formats::new(&plan, options.precision);
         // Padding is read from zeros behind each slot's values, which nothing writes.
         let mut zeros = vec![0; plan.slots.len()];
-        for step in &plan.steps {
+        for step in plan.all_steps() {
             let slot = step.inputs[0].slot;
             zeros[slot] = Formats::zeros_bytes(step).max(zeros[slot]);
         }
@@ -109,15 +124,14 @@ impl GpuExecutor {
             gpu.buffer(&format!("slot {index} of '{}'", plan.name), (bytes + zeros).max(16) as u64, usage)
         });
         let slots = slots.collect::<Result<Vec<_>, _>>()?;
-        let overflow =
-            gpu.buffer("reports of overflow", plan.steps.len().max(1) as u64 * BINDING_STRIDE, usage)?;
+        let reports = plan.all_steps().count().max(1) as u64 * BINDING_STRIDE;
+        let overflow = gpu.buffer("reports of overflow", reports, usage)?;
         let schedule = gpu.buffer("schedule", 16, BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
         let buffers = Buffers { slots: &slots, schedule: &schedule, overflow: &overflow };
         let builder = Builder::new(gpu, &plan, &formats, buffers, calibration)?;
         let mut tuning = options.tuned_in.and_then(|folder| Tuning::open(gpu, folder));
         let steps = plan
-            .steps
-            .iter()
+            .all_steps()
             .enumerate()
             .map(|(index, step)| builder.record(index, step, options, tuning.as_mut()))
             .collect::<Result<Vec<_>, _>>()?;
@@ -129,6 +143,7 @@ impl GpuExecutor {
             gpu: gpu.clone(),
             precision: options.precision,
             units: vec![1.0; plan.tensors.len()],
+            rescalings: 0,
             formats,
             slots,
             steps,
@@ -142,12 +157,18 @@ impl GpuExecutor {
         })
     }
 
-    /// Submits a window.
-    fn start(&mut self, measurement: &[f32], schedule: i64) -> Result<InFlight> {
+    /// Submits a window, which takes over what is `left` of the one before if it `follows` that.
+    fn start(
+        &mut self,
+        measurement: &[f32],
+        schedule: i64,
+        left: Option<&Left>,
+        follows: bool,
+    ) -> Result<InFlight> {
         self.upload(measurement, schedule)?;
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.overflow, 0, None);
-        Self::encode(&self.steps, &mut encoder);
+        self.encode_window(left, follows, &mut encoder);
         let view = self.plan.result;
         let reports = self.overflow.size();
         if let Some(results) = self.gpu.results() {
@@ -160,9 +181,10 @@ impl GpuExecutor {
         };
         encoder.copy_buffer_to_buffer(&self.overflow, 0, &buffer, buffer.size() - reports, reports);
         let (download, submission) = self.download(view, buffer, encoder);
-        let limited = self.plan.steps.iter().any(|step| self.formats.of(&step.output) == Format::F16);
+        let limited = self.plan.all_steps().any(|step| self.formats.of(&step.output) == Format::F16);
         let window = limited.then(|| (self.upload.clone(), schedule));
-        Ok(InFlight { download, submission, window })
+        let follows = left.filter(|_| follows).map(|left| left.rescalings);
+        Ok(InFlight { download, submission, window, follows })
     }
 
     /// Waits for a window and writes its irradiance to `result`. Returns the first step whose result f16 could not hold,
@@ -206,6 +228,46 @@ impl GpuExecutor {
         Ok(())
     }
 
+    /// The steps of a window by itself, or of one that follows another one.
+    fn steps(&self, follows: bool) -> &[Recorded] {
+        let (own, following) = self.steps.split_at(self.plan.steps.len());
+        if follows { following } else { own }
+    }
+
+    /// Records a window, and around its steps the copies of what windows leave for each other.
+    fn encode_window(&self, left: Option<&Left>, follows: bool, encoder: &mut wgpu::CommandEncoder) {
+        let steps = self.steps(follows);
+        let Some(left) = left else { return Self::encode(steps, encoder) };
+        let Plan { runs, following, carries, tensors, .. } = &self.plan;
+        let runs = following.as_ref().filter(|_| follows).map_or(runs, |following| &following.runs);
+        // A pass ends where something has to be copied.
+        let (mut begin, mut end) = (0, 0);
+        let pass = |begin: &mut usize, end: usize, encoder: &mut wgpu::CommandEncoder| {
+            if *begin < end {
+                Self::encode(&steps[*begin..end], encoder);
+            }
+            *begin = end;
+        };
+        for run in runs {
+            for &index in run.restores.iter().filter(|_| follows) {
+                pass(&mut begin, end, encoder);
+                let Carry { tensor, wanted, .. } = &carries[index];
+                let (buffer, slot) = (&left.buffers[index], &self.slots[tensors[tensor.0].slot]);
+                let at = (wanted.start * self.formats.of_tensor(*tensor).bytes()) as u64;
+                encoder.copy_buffer_to_buffer(buffer, 0, slot, at, buffer.size());
+            }
+            end = run.pieces.last().map_or(end, |steps| steps.end);
+            for &index in &run.saves {
+                pass(&mut begin, end, encoder);
+                let Carry { tensor, written, .. } = &carries[index];
+                let (buffer, slot) = (&left.buffers[index], &self.slots[tensors[tensor.0].slot]);
+                let at = (written.start * self.formats.of_tensor(*tensor).bytes()) as u64;
+                encoder.copy_buffer_to_buffer(slot, at, buffer, 0, buffer.size());
+            }
+        }
+        pass(&mut begin, end, encoder);
+    }
+
     fn encode(steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
         record(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), steps);
     }
@@ -223,20 +285,36 @@ impl Executor for GpuExecutor {
         &self.plan
     }
 
-    /// Windows are computed whole, so nothing is left.
     fn state(&self) -> Result<State> {
-        Ok(State::new(()))
+        let usage = BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
+        let buffer = |Carry { tensor, written, .. }: &Carry| {
+            let bytes = (written.len() * self.formats.of_tensor(*tensor).bytes()) as u64;
+            self.gpu.buffer("what a window leaves", bytes, usage)
+        };
+        let buffers = self.plan.carries.iter().map(buffer).collect::<Result<_, _>>()?;
+        Ok(State::new(Left { buffers, rescalings: self.rescalings }))
     }
 
     /// Returns while the GPU works.
-    fn submit(&mut self, measurement: &[f32], schedule: i64, _state: Option<&mut State>) -> Result<()> {
+    fn submit(&mut self, measurement: &[f32], schedule: i64, state: Option<&mut State>) -> Result<()> {
         if self.in_flight.len() == Self::IN_FLIGHT {
             return Err(Error::Misuse(format!(
                 "{} windows are in flight; collect one first",
                 Self::IN_FLIGHT
             )));
         }
-        let window = self.start(measurement, schedule)?;
+        let (mut follows, mut left) = (false, None);
+        if let Some(state) = state {
+            let is_next = state.advance(schedule, self.plan.window.hop);
+            let known: &mut Left = state.left()?;
+            if known.buffers.len() != self.plan.carries.len() {
+                return Err(Error::Misuse("a state of another plan".into()));
+            }
+            follows = is_next && self.plan.following.is_some() && known.rescalings == self.rescalings;
+            known.rescalings = self.rescalings;
+            left = Some(&*known);
+        }
+        let window = self.start(measurement, schedule, left, follows)?;
         self.in_flight.push_back(window);
         Ok(())
     }
@@ -244,13 +322,17 @@ impl Executor for GpuExecutor {
     /// Where the window met a value that f16 cannot hold, it is computed again in units that can.
     fn collect(&mut self, result: &mut [f32]) -> Result<()> {
         check_len("the result", result.len(), self.plan.result.shape.len())?;
-        let Some(InFlight { download, submission, window }) = self.in_flight.pop_front() else {
+        let Some(InFlight { download, submission, window, follows }) = self.in_flight.pop_front() else {
             return Err(Error::Misuse("no window is in flight".into()));
         };
         let mut overflow = self.finish(download, submission, result)?;
-        while let (Some(overflowed), Some((measurement, schedule))) = (overflow, &window) {
-            self.make_room(overflowed)?;
-            let again = self.start(measurement, *schedule)?;
+        let Some((measurement, schedule)) = &window else { return Ok(()) };
+        // What it took over may be what f16 could not hold, if that came to light behind its submission.
+        let mut spoiled = follows.is_some_and(|rescalings| rescalings != self.rescalings);
+        while overflow.is_some() || spoiled {
+            overflow.map_or(Ok(()), |overflowed| self.make_room(overflowed))?;
+            spoiled = false;
+            let again = self.start(measurement, *schedule, None, false)?;
             overflow = self.finish(again.download, again.submission, result)?;
         }
         Ok(())

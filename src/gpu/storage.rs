@@ -8,7 +8,7 @@
 //! share a unit from the beginning (`weights.rs`), and a tensor gets one when a value that it cannot hold is met
 //! (`executor/units.rs`).
 
-use crate::network::{Plan, Precision, Step, View};
+use crate::network::{Plan, Precision, Step, TensorId, View};
 
 /// The largest finite f16.
 pub(super) const LARGEST_F16: f32 = 65504.0;
@@ -71,7 +71,12 @@ impl Formats {
 
     /// The format of the tensor that `view` shows.
     pub fn of(&self, view: &View) -> Format {
-        self.tensors[view.tensor.0]
+        self.of_tensor(view.tensor)
+    }
+
+    /// The format of a tensor.
+    pub fn of_tensor(&self, TensorId(tensor): TensorId) -> Format {
+        self.tensors[tensor]
     }
 
     /// Bytes of the zeros that have to stand behind the values of the slot that `step` reads, in place of one pixel of

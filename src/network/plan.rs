@@ -154,6 +154,11 @@ impl Plan {
         self.usual_steps().iter().map(Step::flop).sum()
     }
 
+    /// All steps: those of a window by itself, then those of one that follows another one.
+    pub fn all_steps(&self) -> impl Iterator<Item = &Step> {
+        self.steps.iter().chain(self.following.iter().flat_map(|following| &following.steps))
+    }
+
     /// The steps of most windows: of one that follows another one, where the plan is for streams.
     pub fn usual_steps(&self) -> &[Step] {
         self.following.as_ref().map_or(&self.steps, |following| &following.steps)

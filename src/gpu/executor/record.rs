@@ -82,7 +82,7 @@ impl<'a> Builder<'a> {
             layout: &common_layout(&gpu.device),
             entries: &entries(tables.map(wgpu::Buffer::as_entire_binding)),
         });
-        let bytes = plan.steps.len().max(1) as u64 * BINDING_STRIDE;
+        let bytes = plan.all_steps().count().max(1) as u64 * BINDING_STRIDE;
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
         let geometry = gpu.buffer("geometry", bytes, usage)?;
         let [frames, height, width] = plan.measurement.shape.extent();

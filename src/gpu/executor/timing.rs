@@ -7,7 +7,7 @@ use wgpu::{BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDe
 
 use super::GpuExecutor;
 use super::download::CALLBACK_TIME;
-use super::record::record;
+use super::record::{Recorded, record};
 use crate::Result;
 use crate::gpu::{Gpu, GpuError};
 use crate::network::WindowTime;
@@ -23,6 +23,11 @@ impl GpuExecutor {
         Ok(self.gpu.wait(submission)?)
     }
 
+    /// The steps of most windows.
+    fn usual_steps(&self) -> &[Recorded] {
+        self.steps(self.plan.following.is_some())
+    }
+
     /// Computes what was uploaded `windows` times, in one submission.
     pub(super) fn time_passes(&self, windows: usize) -> Result<WindowTime, GpuError> {
         let stamps = Stamps::new(&self.gpu, 1)?;
@@ -31,7 +36,7 @@ impl GpuExecutor {
         {
             let mut pass = encoder.begin_compute_pass(&pass(stamps.as_ref(), 0));
             for _ in 0..windows {
-                record(&mut pass, &self.steps);
+                record(&mut pass, self.usual_steps());
             }
         }
         if let Some(stamps) = &stamps {
@@ -46,7 +51,7 @@ impl GpuExecutor {
 
     /// Time of each step: on the device's clock, else from submission to completion.
     pub(super) fn time_each(&self) -> Result<Vec<Duration>, GpuError> {
-        let Some(stamps) = Stamps::new(&self.gpu, self.steps.len())? else {
+        let Some(stamps) = Stamps::new(&self.gpu, self.usual_steps().len())? else {
             let time = |step| {
                 let begun = Instant::now();
                 let mut encoder = self.encoder();
@@ -54,10 +59,10 @@ impl GpuExecutor {
                 let submission = self.gpu.queue.submit([encoder.finish()]);
                 self.gpu.wait(submission).map(|()| begun.elapsed())
             };
-            return self.steps.chunks(1).map(time).collect();
+            return self.usual_steps().chunks(1).map(time).collect();
         };
         let mut encoder = self.encoder();
-        for (index, step) in self.steps.chunks(1).enumerate() {
+        for (index, step) in self.usual_steps().chunks(1).enumerate() {
             record(&mut encoder.begin_compute_pass(&pass(Some(&stamps), index)), step);
         }
         stamps.resolve(&mut encoder);

@@ -8,14 +8,14 @@ use super::GpuExecutor;
 use crate::gpu::GpuError;
 use crate::gpu::storage::LARGEST_F16;
 use crate::gpu::weights::unit_of;
-use crate::network::TensorId;
+use crate::network::{Step, TensorId};
 
 impl GpuExecutor {
     /// Makes room for `magnitude`, the largest result of a step, and says so. A window that was submitted before may
     /// report what there is room for already.
     pub(super) fn make_room(&mut self, (step, magnitude): (usize, f32)) -> Result<(), GpuError> {
-        let TensorId(tensor) = self.plan.steps[step].output.tensor;
-        let name = &self.plan.steps[step].name;
+        let Some(Step { name, output, .. }) = self.plan.all_steps().nth(step) else { return Ok(()) };
+        let TensorId(tensor) = output.tensor;
         if magnitude <= LARGEST_F16 * self.units[tensor] {
             return Ok(());
         }
@@ -28,7 +28,8 @@ impl GpuExecutor {
              spoiled is computed again"
         );
         self.units[tensor] = unit;
-        for (recorded, step) in self.steps.iter().zip(&self.plan.steps) {
+        self.rescalings += 1;
+        for (recorded, step) in self.steps.iter().zip(self.plan.all_steps()) {
             let [input, output] = [step.inputs[0], step.output].map(|view| view.tensor.0);
             let Some((terms, buffer)) = &recorded.terms else { continue };
             if input == tensor || output == tensor {
