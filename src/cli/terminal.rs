@@ -8,7 +8,10 @@ use std::time::Duration;
 use crate::Result;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use tracing_subscriber::EnvFilter;
+use tracing::Level;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// How `program` ends: a failure is one line on standard error.
 pub fn exit_code(program: &str, outcome: Result<()>) -> ExitCode {
@@ -21,11 +24,28 @@ pub fn exit_code(program: &str, outcome: Result<()>) -> ExitCode {
     }
 }
 
-/// Sends log messages to standard error.
+/// Sends log messages to standard error: those that the variable `RUST_LOG` names, such as `warn` or `wgpu=info,warn`, or
+/// else more the more often the user asks for it.
 pub fn log(verbose: u8) {
-    let level = ["warn", "pix2hdr=info,warn", "debug"][usize::from(verbose).min(2)];
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    let usual = Targets::new().with_default(Level::WARN);
+    let usual = match verbose {
+        0 => usual,
+        1 => usual.with_target("pix2hdr", Level::INFO),
+        _ => usual.with_default(Level::DEBUG),
+    };
+    let named = std::env::var("RUST_LOG").ok().filter(|named| !named.is_empty());
+    let named =
+        named.map(|named| named.parse::<Targets>().map_err(|error| format!("RUST_LOG={named}: {error}")));
+    let (targets, problem) = match named {
+        None => (usual, None),
+        Some(Ok(targets)) => (targets, None),
+        Some(Err(problem)) => (usual, Some(problem)),
+    };
+    let messages = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).without_time();
+    tracing_subscriber::registry().with(messages).with(targets).init();
+    if let Some(problem) = problem {
+        warn(&problem);
+    }
 }
 
 /// A bar for `len` steps of what `message` says; hidden where standard error is not a terminal.
