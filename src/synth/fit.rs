@@ -152,7 +152,11 @@ mod tests {
         let (model, calibration) = tiny();
         let lengths = lengths(&model.graph, &calibration, &Settings::default()).unwrap();
         let extent = Extent::from([128, 128]);
-        let bytes = |hop: usize| Plan::lower(&with_hop(&model, hop), 128, 128).unwrap().slot_bytes(4) as u64;
+        let bytes = |hop: usize| {
+            let model = with_hop(&model, hop);
+            let Footprint { slots, state } = Plan::footprint(&model, 128, 128, usize::MAX, true).unwrap();
+            4 * (slots.iter().sum::<usize>() + state.unwrap()) as u64
+        };
         let fitted = |total: u64, lengths: &Lengths| {
             let limits = Limits { buffer: u64::MAX, total, piece: None, side: None };
             let (model, grid) = fit(&model, &calibration, extent, limits, lengths).unwrap();

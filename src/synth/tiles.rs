@@ -51,10 +51,11 @@ impl Limits {
         [height, width]: [usize; 2],
         streams: bool,
     ) -> Result<Plan, NetworkError> {
-        match self.piece {
-            Some(bytes) if streams => Plan::streaming(model, height, width, bytes),
-            Some(bytes) => Plan::in_pieces(model, height, width, bytes),
-            None => Plan::lower(model, height, width),
+        let bytes = self.piece.unwrap_or(usize::MAX);
+        if streams {
+            Plan::streaming(model, height, width, bytes)
+        } else {
+            Plan::in_pieces(model, height, width, bytes)
         }
     }
 
@@ -65,7 +66,6 @@ impl Limits {
         [height, width]: [usize; 2],
         streams: bool,
     ) -> Result<Footprint, NetworkError> {
-        let streams = streams && self.piece.is_some();
         Plan::footprint(model, height, width, self.piece.unwrap_or(usize::MAX), streams)
     }
 
@@ -231,12 +231,10 @@ mod tests {
             let streams = |bytes| limits(bytes).stream(&model, &grid, &poses[..count]).unwrap();
             assert!(streams(4 * values as u64) && !streams(4 * values as u64 - 1));
         }
-        // What runs backwards needs no state, and shaders have no pieces.
+        // What runs backwards needs no state.
         let all = calibration.symmetries.as_slice();
         let values = slots.iter().sum::<usize>() + 4 * poses.len() * state.unwrap();
         assert!(all.len() > poses.len() && limits(4 * values as u64).stream(&model, &grid, all).unwrap());
-        let whole = Limits { piece: None, ..limits(u64::MAX) };
-        assert!(!whole.stream(&model, &grid, &poses).unwrap());
     }
 
     #[test]
