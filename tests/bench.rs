@@ -122,9 +122,9 @@ fn the_json_object_is_complete_on_cpu_and_gpu() {
             assert_eq!(value(layer, "gflop_per_s").as_f64().unwrap() > 0.0, convolution, "{layer:#}");
         }
     }
-    // Both compute the same net; only the CPU knows what the window before has computed.
+    // Both compute the same net, and of it only what the window before has not computed.
     let gflop = [0, 1].map(|row: usize| positive(&rows[row], "gflop_per_frame"));
-    assert!(gflop[0] < gflop[1] && gflop[0] > 0.7 * gflop[1], "{gflop:?}");
+    assert_eq!(gflop[0], gflop[1]);
     let written: Value = serde_json::from_slice(&fs::read(out.path().join("bench.json")).unwrap()).unwrap();
     assert_eq!(written["rows"].as_array().unwrap().len(), rows.len());
     let svg = fs::read_to_string(out.path().join("frontier.svg")).unwrap();
