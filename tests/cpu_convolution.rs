@@ -21,14 +21,14 @@ fn no_camera() -> Calibration {
 }
 
 struct Case {
-    transposed: bool,
+    direction: Direction,
     convolution: Convolution,
     input: Shape,
 }
 
 impl Case {
     fn new(
-        transposed: bool,
+        direction: Direction,
         kernel: [usize; 3],
         stride: [usize; 3],
         extent: [usize; 3],
@@ -42,7 +42,7 @@ impl Case {
             norm: true,
             add: None,
         };
-        Self { transposed, convolution, input: Shape::new(extent, channels[0]) }
+        Self { direction, convolution, input: Shape::new(extent, channels[0]) }
     }
 
     /// Input, added tensor, step and output shape with random values.
@@ -50,12 +50,15 @@ impl Case {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut values = |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect::<Vec<_>>();
         let (extent, stride) = (self.input.extent(), self.convolution.stride);
-        let results = |i: usize| {
-            if self.transposed { extent[i] * stride[i] } else { extent[i].div_ceil(stride[i]) }
+        let results = |i: usize| match self.direction {
+            Direction::Forward => extent[i].div_ceil(stride[i]),
+            Direction::Transposed => extent[i] * stride[i],
         };
         let output = Shape::new(std::array::from_fn(results), self.convolution.out_channels);
-        let padding =
-            |i: usize| (self.convolution.kernel[i] - if self.transposed { stride[i] } else { 1 }) / 2;
+        let overlap = |i: usize| match self.direction {
+            Direction::Forward => self.convolution.kernel[i] - 1,
+            Direction::Transposed => self.convolution.kernel[i] - stride[i],
+        };
         let (in_channels, out_channels) = (self.input.c, output.c);
         let layer = Layer {
             weight: values(in_channels * out_channels * self.convolution.taps()),
@@ -63,10 +66,10 @@ impl Case {
             norm: Some((values(out_channels), values(out_channels))),
         };
         let step = ConvolutionStep {
-            direction: if self.transposed { Direction::Transposed } else { Direction::Forward },
+            direction: self.direction,
             kernel: self.convolution.kernel,
             stride: self.convolution.stride,
-            padding: std::array::from_fn(padding),
+            padding: std::array::from_fn(|i| overlap(i) / 2),
             in_channels,
             out_channels,
             activation: self.convolution.activation,
@@ -79,13 +82,8 @@ impl Case {
 }
 
 /// PyTorch's definitions, one product at a time.
-fn naive(
-    step: &ConvolutionStep,
-    transposed: bool,
-    x: &Tensor<f64>,
-    added: &Tensor<f64>,
-    output: Shape,
-) -> Tensor<f64> {
+fn naive(step: &ConvolutionStep, x: &Tensor<f64>, added: &Tensor<f64>, output: Shape) -> Tensor<f64> {
+    let transposed = step.direction == Direction::Transposed;
     let mut sums = Tensor::filled(output, 0.0);
     let at = |shape: Shape, [t, y, x]: [usize; 3], c: usize| ((t * shape.y + y) * shape.x + x) * shape.c + c;
     // Walks over the smaller-stepped side: for each pixel of `coarse` and each tap, the pixel of `fine`.
@@ -130,7 +128,7 @@ fn positions([t, y, x]: [usize; 3]) -> impl Iterator<Item = (usize, usize, usize
 fn check(cases: &[Case]) {
     for (seed, case) in cases.iter().enumerate() {
         let (x, added, step, output) = case.random(seed as u64);
-        let expected = naive(&step, case.transposed, &x, &added, output);
+        let expected = naive(&step, &x, &added, output);
         let step = Arc::new(step);
         let actual = evaluate(&Kernel::Convolution(step), &[x, added], output, &no_camera(), 0);
         for (index, (a, e)) in actual.data.iter().zip(&expected.data).enumerate() {
@@ -146,7 +144,8 @@ fn check(cases: &[Case]) {
 
 #[test]
 fn convolutions_are_their_definition() {
-    let case = |kernel, stride, extent, channels| Case::new(false, kernel, stride, extent, channels);
+    let case =
+        |kernel, stride, extent, channels| Case::new(Direction::Forward, kernel, stride, extent, channels);
     check(&[
         case([1, 1, 1], [1, 1, 1], [1, 1, 1], [1, 1]),
         case([3, 3, 3], [1, 1, 1], [1, 1, 1], [2, 3]),
@@ -166,7 +165,8 @@ fn convolutions_are_their_definition() {
 
 #[test]
 fn transposed_convolutions_are_their_definition() {
-    let case = |kernel, stride, extent, channels| Case::new(true, kernel, stride, extent, channels);
+    let case =
+        |kernel, stride, extent, channels| Case::new(Direction::Transposed, kernel, stride, extent, channels);
     check(&[
         case([1, 1, 1], [1, 1, 1], [1, 1, 1], [1, 1]),
         case([4, 4, 4], [2, 2, 2], [1, 1, 1], [3, 2]),

@@ -150,7 +150,7 @@ fn every_step_at_f32_is_within_its_bound() {
             .trace(&measurement, SCHEDULE, &mut |step, inputs, actual| {
                 let inputs: Vec<Tensor<f64>> = inputs.iter().map(|x| x.map(|&v| v as f64)).collect();
                 let exact = evaluate(&step.kernel, &inputs, actual.shape, &camera, SCHEDULE);
-                let bound = bound(&step.kernel, &inputs, &exact, &camera, SCHEDULE, bound::Storage::FULL);
+                let bound = bound(&step.kernel, &inputs, &exact, &camera, SCHEDULE, bound::RoundOffs::FULL);
                 let fraction = largest_fraction(actual, &exact, &bound);
                 println!("{:8} {:12} {fraction:.3}", simd.name(), step.name);
                 assert!(fraction <= 1.0, "{}, {}: {fraction} of the bound", simd.name(), step.name);

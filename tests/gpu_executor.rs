@@ -4,7 +4,7 @@ mod support;
 
 use pix2hdr::Error;
 use pix2hdr::cpu::CpuExecutor;
-use pix2hdr::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Options, Variant, adapters};
+use pix2hdr::gpu::{AdapterChoice, ExecutorOptions, Gpu, GpuError, GpuExecutor, Variant, adapters};
 use pix2hdr::network::{Executor, Inspect, Layer, Model, Plan, Precision, Step, Window, presets};
 use support::{calibration, gpu, measurement, plan, variants};
 
@@ -36,7 +36,7 @@ fn repeated_runs_give_the_same_bits() {
 
 /// An executor at a precision.
 fn at(precision: Precision, plan: &Plan) -> Result<GpuExecutor, GpuError> {
-    let options = Options { precision, ..Options::default() };
+    let options = ExecutorOptions { precision, ..ExecutorOptions::default() };
     GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options)
 }
 
@@ -48,7 +48,7 @@ fn variants_do_not_change_the_result() {
     for precision in [Precision::F32, Precision::F16] {
         let expected = run(&mut at(precision, &plan).unwrap(), &plan, &measurement, 0);
         for variant in variants() {
-            let options = Options { precision, variant: Some(variant), ..Options::default() };
+            let options = ExecutorOptions { precision, variant: Some(variant), ..ExecutorOptions::default() };
             let executor = GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options);
             let result = run(&mut executor.unwrap(), &plan, &measurement, 0);
             assert!(result == expected, "{variant:?} at {precision:?}");
@@ -72,7 +72,7 @@ fn variants_are_measured_once_and_kept() {
     let expected = run(&mut at(Precision::F32, &plan).unwrap(), &plan, &measurement, 0);
     let folder = tempfile::tempdir().unwrap();
     let run_in = |folder: &std::path::Path| {
-        let options = Options { tuned_in: Some(folder), ..Options::default() };
+        let options = ExecutorOptions { tuned_in: Some(folder), ..ExecutorOptions::default() };
         let executor = GpuExecutor::with_options(gpu(), plan.clone(), &calibration(), &options);
         assert!(
             run(&mut executor.unwrap(), &plan, &measurement, 0) == expected,
@@ -107,7 +107,7 @@ fn variants_are_measured_once_and_kept() {
 fn variants_that_the_adapter_cannot_run_are_refused() {
     let plan = Plan::lower(&model("tiny"), 16, 24).unwrap();
     let variant = Variant { pixels: 2, vectors: 2, lanes: 7, wide: false };
-    let options = Options { variant: Some(variant), ..Options::default() };
+    let options = ExecutorOptions { variant: Some(variant), ..ExecutorOptions::default() };
     match GpuExecutor::with_options(gpu(), plan, &calibration(), &options) {
         Err(GpuError::Failed(problem)) => assert!(problem.contains("lanes: 7"), "{problem}"),
         other => panic!("{other:?}"),
@@ -539,7 +539,7 @@ fn refused_shaders_are_named() {
         "features" => format!("{text}\nthis is no shader"),
         _ => text.to_owned(),
     };
-    let options = Options { edit: Some(&edit), ..Options::default() };
+    let options = ExecutorOptions { edit: Some(&edit), ..ExecutorOptions::default() };
     match GpuExecutor::with_options(gpu(), plan, &calibration(), &options) {
         Err(GpuError::Shader { step, problem }) => {
             assert_eq!(step, "features");

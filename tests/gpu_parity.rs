@@ -8,7 +8,7 @@ use std::cell::Cell;
 use std::collections::BTreeMap;
 
 use pix2hdr::cpu::bound::{self, StepError};
-use pix2hdr::gpu::{GpuExecutor, Options, Variant};
+use pix2hdr::gpu::{ExecutorOptions, GpuExecutor, Variant};
 use pix2hdr::network::{Model, Plan, Precision, Step, presets};
 use support::{calibration, gpu, graph, measurement, plan, variants};
 
@@ -42,9 +42,9 @@ fn compare(plan: Plan, schedule: i64) -> Fractions {
 
 /// As [`compare`], with convolutions divided in a given way.
 fn compare_variant(plan: Plan, schedule: i64, variant: Option<Variant>) -> Fractions {
-    let options = Options { variant, ..Options::default() };
+    let options = ExecutorOptions { variant, ..ExecutorOptions::default() };
     let mut largest = compare_with(plan.clone(), schedule, &options);
-    let reduced = compare_with(plan, schedule, &Options { precision: Precision::F16, ..options });
+    let reduced = compare_with(plan, schedule, &ExecutorOptions { precision: Precision::F16, ..options });
     println!("f16: {reduced:.3?}");
     for (kernel, fraction) in reduced {
         let largest = largest.entry(kernel).or_insert(0.0);
@@ -54,7 +54,7 @@ fn compare_variant(plan: Plan, schedule: i64, variant: Option<Variant>) -> Fract
 }
 
 /// Runs a plan on the GPU with options and compares it step by step.
-fn compare_with(plan: Plan, schedule: i64, options: &Options<'_>) -> Fractions {
+fn compare_with(plan: Plan, schedule: i64, options: &ExecutorOptions<'_>) -> Fractions {
     let measurement = measurement(&plan, 2);
     let mut executor = GpuExecutor::with_options(gpu(), plan, &calibration(), options).unwrap();
     fractions(&mut executor, &measurement, schedule, options.precision)
@@ -414,7 +414,7 @@ fn broken_shaders_are_caught() {
             edited.set(edited.get() || broken != text);
             broken
         };
-        let options = Options { precision, variant, edit: Some(&edit), ..Options::default() };
+        let options = ExecutorOptions { precision, variant, edit: Some(&edit), ..ExecutorOptions::default() };
         let fraction = compare_with(plan(&json, 5, 10), schedule, &options)[kernel];
         assert!(edited.get(), "{kernel} has no '{correct}' to break");
         println!("{kernel} with '{wrong}': {fraction:.1} times its bound");

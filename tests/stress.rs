@@ -6,7 +6,7 @@ mod support;
 
 use std::collections::BTreeMap;
 
-use pix2hdr::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
+use pix2hdr::bench::stability::{self, Input, NamedCalibration, Trial, TrialOutcome, WeightStress};
 use pix2hdr::network::{Model, Precision, presets};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler};
 use pix2hdr::synth::{Backend, Settings, Skip, Synthesizer};
@@ -18,12 +18,12 @@ fn backends() -> [Backend; 3] {
     [Backend::Cpu, Backend::Gpu(gpu().clone(), Precision::F32), Backend::Gpu(gpu().clone(), Precision::F16)]
 }
 
-fn default_camera() -> Camera {
-    Camera::new("mpve-1-4", "linear", Form::Linear).unwrap()
+fn default_camera() -> NamedCalibration {
+    NamedCalibration::new("mpve-1-4", "linear", Form::Linear).unwrap()
 }
 
 /// Fails if a step left its bound; prints the largest fraction of each kernel.
-fn assert_within_bounds(outcomes: &[Outcome]) {
+fn assert_within_bounds(outcomes: &[TrialOutcome]) {
     let mut largest = BTreeMap::<&str, f64>::new();
     for outcome in outcomes {
         for step in &outcome.steps {
@@ -47,19 +47,19 @@ fn every_kernel_under_every_stress() {
     let (model, camera) = (stability::every_kernel().unwrap(), default_camera());
     for backend in backends() {
         let f16 = backend.precision() == Precision::F16;
-        for weights in Weights::ALL {
+        for weights in WeightStress::ALL {
             let trial = Trial { model: &model, weights, camera: &camera, extent: [6, 10] };
             let outcomes = trial.run(&backend, &Input::ALL).unwrap();
             println!("{} {} {weights:?}", backend.name(), backend.precision().name());
             assert_within_bounds(&outcomes);
             // Results that f16 cannot hold are stored in other units, all others as they are.
             let rescaled = outcomes.iter().any(|outcome| !outcome.rescaled.is_empty());
-            assert_eq!(rescaled, f16 && weights == Weights::BeyondF16Limit, "{weights:?}: {outcomes:?}");
+            assert_eq!(rescaled, f16 && weights == WeightStress::BeyondF16Limit, "{weights:?}: {outcomes:?}");
             let largest = outcomes.iter().flat_map(|outcome| &outcome.steps).map(|step| step.magnitude);
             let largest = largest.fold(0.0, f32::max);
             match weights {
-                Weights::NearF16Limit => assert!((2e4..65504.0).contains(&largest), "{largest}"),
-                Weights::BeyondF16Limit => assert!(largest > 2e7, "{largest}"),
+                WeightStress::NearF16Limit => assert!((2e4..65504.0).contains(&largest), "{largest}"),
+                WeightStress::BeyondF16Limit => assert!(largest > 2e7, "{largest}"),
                 _ => assert!(largest < 1e4, "{weights:?} reaches {largest}"),
             }
         }
@@ -70,8 +70,8 @@ fn every_kernel_under_every_stress() {
 fn every_pattern_and_response() {
     let model = stability::every_kernel().unwrap();
     let inputs = [Input::Random, Input::Alternating, Input::AtSaturation];
-    for camera in Camera::all().unwrap() {
-        let trial = Trial { model: &model, weights: Weights::Plain, camera: &camera, extent: [6, 6] };
+    for camera in NamedCalibration::all().unwrap() {
+        let trial = Trial { model: &model, weights: WeightStress::Plain, camera: &camera, extent: [6, 6] };
         for backend in &backends()[..2] {
             println!("{} {}", camera.name, backend.name());
             assert_within_bounds(&trial.run(backend, &inputs).unwrap());
@@ -85,7 +85,7 @@ fn whole_nets_stay_close_to_the_oracle() {
     let camera = default_camera();
     for (name, extent) in [("fast", [8, 16]), ("paper-narrow", [8, 16])] {
         let model = stability::preset(name).unwrap();
-        let trial = Trial { model: &model, weights: Weights::Plain, camera: &camera, extent };
+        let trial = Trial { model: &model, weights: WeightStress::Plain, camera: &camera, extent };
         for backend in backends() {
             let outcomes = trial.run(&backend, &Input::ALL).unwrap();
             assert_within_bounds(&outcomes);

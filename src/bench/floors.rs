@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use serde::Serialize;
 
-use crate::gpu::{Format, Formats};
+use crate::gpu::{TensorFormat, TensorFormats};
 use crate::network::{Kernel, Plan, Precision, Step};
 
 /// What an executor's hardware can do at most, as small programs that do nothing else measure it.
@@ -42,7 +42,7 @@ pub struct Floors {
 
 impl Work {
     /// Of one step, whose tensors are stored in `formats`.
-    pub fn of_step(step: &Step, formats: &Formats) -> Self {
+    pub fn of_step(step: &Step, formats: &TensorFormats) -> Self {
         let views = step.inputs.iter().chain([&step.output]);
         let tensors: usize = views.map(|view| view.shape.len() * formats.of(view).bytes()).sum();
         let bytes = tensors + weights(&step.kernel) * formats.weights.bytes();
@@ -57,7 +57,7 @@ impl Work {
 
     /// Of all steps of a plan, one after the other.
     pub fn of_plan(plan: &Plan, precision: Precision) -> Self {
-        let formats = Formats::new(plan, precision);
+        let formats = TensorFormats::new(plan, precision);
         let steps = plan.usual_steps().iter().map(|step| Self::of_step(step, &formats));
         steps.fold(Self::default(), Self::and)
     }
@@ -69,7 +69,7 @@ impl Work {
             plan.usual_steps().iter().map(|step| (step.name.as_str(), weights(&step.kernel))).collect();
         let weights: usize = layers.values().sum();
         let pixels = plan.measurement.shape.len() + plan.result.shape.len();
-        let bytes = pixels * Format::F32.bytes() + weights * Format::of(precision).bytes();
+        let bytes = pixels * TensorFormat::F32.bytes() + weights * TensorFormat::of(precision).bytes();
         Self { flop: plan.flop(), bytes: bytes as f64 }
     }
 
@@ -146,7 +146,7 @@ mod tests {
         let plan = plan();
         let pixels = 2 * 4 * 8;
         let index = plan.steps.iter().position(|step| step.name == "layer").unwrap();
-        let of_layer = |precision| Work::of_step(&plan.steps[index], &Formats::new(&plan, precision));
+        let of_layer = |precision| Work::of_step(&plan.steps[index], &TensorFormats::new(&plan, precision));
         let layer = of_layer(Precision::F32);
         assert_eq!(layer.flop, (2 * pixels * 9 * 3 * 5) as f64);
         assert_eq!(layer.bytes, (4 * (pixels * (3 + 5) + 9 * 3 * 5 + 5)) as f64);

@@ -10,7 +10,7 @@ use super::floors::Work;
 use super::samples::repeat;
 use super::{Clip, Floors, Oracle, Peak, Samples, machine};
 use crate::Result;
-use crate::gpu::{self, Formats, GpuExecutor, Variant};
+use crate::gpu::{self, GpuExecutor, TensorFormats, Variant};
 use crate::network::{Inspect, Model, Plan, Precision, Shape};
 use crate::quality::compare;
 use crate::sensor::Calibration;
@@ -114,7 +114,7 @@ pub struct Row {
     pub peak_memory_bytes: Option<u64>,
     /// The steps of the most frequent tile, if asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub layers: Option<Vec<Layer>>,
+    pub layers: Option<Vec<LayerTime>>,
 }
 
 impl Row {
@@ -126,7 +126,7 @@ impl Row {
 
 /// Time of a step.
 #[derive(Clone, Debug, Serialize)]
-pub struct Layer {
+pub struct LayerTime {
     /// Name of the step.
     pub step: String,
     /// Its kernel.
@@ -146,7 +146,7 @@ pub struct Layer {
 }
 
 /// A size of tile that occurs in a frame, ready to run.
-struct Tile {
+struct PreparedTile {
     plan: Plan,
     executor: Box<dyn Inspect>,
     measurement: Video,
@@ -242,7 +242,11 @@ impl Case<'_> {
     fn executor(&self, plan: Plan, calibration: &Calibration) -> Result<Box<dyn Inspect>> {
         match (self.backend, self.variant) {
             (&Backend::Gpu(ref gpu, precision), Some(_)) => {
-                let options = gpu::Options { precision, variant: self.variant, ..gpu::Options::default() };
+                let options = gpu::ExecutorOptions {
+                    precision,
+                    variant: self.variant,
+                    ..gpu::ExecutorOptions::default()
+                };
                 Ok(Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?))
             }
             _ => self.backend.executor(plan, calibration, true),
@@ -274,13 +278,13 @@ impl Case<'_> {
     }
 
     /// The sizes of tiles that a frame is cut into.
-    fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<Tile>> {
+    fn tiles(&self, clip: &Clip, grid: &Grid, calibration: &Calibration) -> Result<Vec<PreparedTile>> {
         let window = self.model.graph.window;
         let seen = clip.window(window, clip.last_window(window), calibration, grid.extent());
         let poses = poses(&self.model.graph, calibration, self.settings.ensemble)?;
         let limits = self.backend.limits(None);
         let streams = limits.stream(self.model, grid, &poses)?;
-        let mut tiles: Vec<Tile> = Vec::new();
+        let mut tiles: Vec<PreparedTile> = Vec::new();
         for (row, col) in grid.tiles() {
             let size = [row.outer_len, col.outer_len];
             let known = tiles.iter_mut().find(|t| [t.measurement.height, t.measurement.width] == size);
@@ -292,13 +296,13 @@ impl Case<'_> {
             let executor = self.executor(plan.clone(), calibration)?;
             let executor = Ensemble::over(executor, &poses, window, size, calibration);
             let measurement = crop(&seen, [row.outer_start, col.outer_start], size);
-            tiles.push(Tile { plan, executor, measurement, count: 1, windows: 1 });
+            tiles.push(PreparedTile { plan, executor, measurement, count: 1, windows: 1 });
         }
         Ok(tiles)
     }
 
     /// Inference alone.
-    fn inference(&self, tiles: &mut [Tile], schedule: i64) -> Result<Inference> {
+    fn inference(&self, tiles: &mut [PreparedTile], schedule: i64) -> Result<Inference> {
         for tile in &mut *tiles {
             // The second run is the first that shows what a window takes.
             tile.time(schedule)?;
@@ -328,15 +332,15 @@ impl Case<'_> {
     }
 
     /// Time of each step of the most frequent tile.
-    fn layers(&self, tiles: &mut [Tile], schedule: i64) -> Result<Vec<Layer>> {
-        let Some(Tile { plan, executor, measurement, count, .. }) =
+    fn layers(&self, tiles: &mut [PreparedTile], schedule: i64) -> Result<Vec<LayerTime>> {
+        let Some(PreparedTile { plan, executor, measurement, count, .. }) =
             tiles.iter_mut().max_by_key(|tile| tile.count)
         else {
             return Ok(Vec::new());
         };
         let times = repeat(self.effort.patience, || executor.time_steps(&measurement.data, schedule))?;
         let per_frame = |seconds: f64| 1e3 * seconds * *count as f64 / plan.window.hop as f64;
-        let formats = Formats::new(plan, self.backend.precision());
+        let formats = TensorFormats::new(plan, self.backend.precision());
         // A layer may be computed in several steps.
         let mut names: Vec<&str> = plan.usual_steps().iter().map(|step| step.name.as_str()).collect();
         let mut known = HashSet::new();
@@ -350,7 +354,7 @@ impl Case<'_> {
             let work = work.fold(Work::default(), Work::and);
             let frames = steps().map(|(_, step)| step.output.shape.t).sum();
             let roofline = self.peak.roofline(work);
-            Some(Layer {
+            Some(LayerTime {
                 step: step.name.clone(),
                 kernel: step.kernel.name(),
                 output: Shape { t: frames, ..step.output.shape }.to_string(),
@@ -384,10 +388,10 @@ struct Inference {
     processor: Option<f64>,
 }
 
-impl Tile {
+impl PreparedTile {
     /// Bytes of all slots.
     fn slot_bytes(&self, precision: Precision) -> u64 {
-        Formats::new(&self.plan, precision).slot_bytes.iter().map(|&bytes| bytes as u64).sum()
+        TensorFormats::new(&self.plan, precision).slot_bytes.iter().map(|&bytes| bytes as u64).sum()
     }
 
     /// Time of all tiles of this size in one window.

@@ -29,7 +29,7 @@ pub use clip::Clip;
 pub use floors::{Floors, Peak, Work};
 pub use frontier::frontier;
 pub use machine::{Machine, ProcessorPeak};
-pub use measure::{Case, Effort, Layer, Row};
+pub use measure::{Case, Effort, LayerTime, Row};
 pub use samples::Samples;
 pub use sensitivity::{Sensitivity, sensitivity};
 pub use soak::{Soak, soak};

@@ -30,6 +30,9 @@ pub struct Sensitivity {
     pub undisturbed_db: f64,
 }
 
+/// Something that is wrong about a capture, and the capture.
+type Disturbed = (&'static str, Capture);
+
 /// Synthesises captures of `truth`, each with something wrong.
 pub fn sensitivity(
     model: &Model,
@@ -44,58 +47,16 @@ pub fn sensitivity(
         sampler.sample(truth)
     };
     let sound = sampled(&|_| {})?;
-    let mut disturbed: Vec<(&str, Capture)> = vec![
+    let mut disturbed = vec![
         ("black level 1% of the range too low", sampled(&|sampler| sampler.black_error = 0.01)?),
         ("black level 1% of the range too high", sampled(&|sampler| sampler.black_error = -0.01)?),
         ("gain 5% too low", sampled(&|sampler| sampler.gain_error = 0.05)?),
         ("gain 5% too high", sampled(&|sampler| sampler.gain_error = -0.05)?),
         ("8 bits in place of 10", sampled(&|sampler| sampler.bit_depth = 8)?),
     ];
-    let len = sound.height * sound.width;
-    // A prime step spreads the pixels over all cells of the pattern.
-    let dead: Vec<usize> = (0..len / DEAD_EVERY).map(|i| (i * 7919 + 31) % len).collect();
-    for (name, value, known) in [
-        ("0.5% dead pixels, not known", 0, false),
-        ("0.5% dead pixels, filled", 0, true),
-        ("0.5% hot pixels, not known", 1023, false),
-        ("0.5% hot pixels, filled", 1023, true),
-    ] {
-        let mut capture = sound.clone();
-        capture.counts = replaced(&sound, |_, pixel| dead.contains(&pixel).then_some(value));
-        if known {
-            capture.info.dead_pixels = dead.iter().map(|&i| [i / sound.width, i % sound.width]).collect();
-        }
-        disturbed.push((name, capture));
-    }
-    let is_missing = |t: usize, pixel: usize| {
-        let schedule = sound.pattern.schedule(pixel / sound.width, pixel % sound.width);
-        let end = schedule.covering(sound.info.schedule_start + t as i64).end();
-        // One draw a read-out (the mixer of SplitMix64).
-        let mut draw = (end as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (pixel as u64) << 32;
-        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
-            draw = (draw ^ draw >> 30).wrapping_mul(factor);
-        }
-        (draw ^ draw >> 31).is_multiple_of(MISSING_EVERY)
-    };
-    for (name, value, marker) in [
-        ("1% of read-outs missing, as 0", 0, None),
-        ("1% of read-outs missing, filled", MISSING, Some(MISSING)),
-    ] {
-        let mut capture = sound.clone();
-        capture.counts = replaced(&sound, |t, pixel| is_missing(t, pixel).then_some(value));
-        capture.info.missing_count = marker;
-        disturbed.push((name, capture));
-    }
-    let is_dropped = |t: usize| t % DROPPED_EVERY == DROPPED_EVERY / 2;
-    // Those behind a frame that is dropped come too early, and the last one fills up the end.
-    let kept: Vec<usize> = (0..sound.frames).filter(|&t| !is_dropped(t)).collect();
-    let mut capture = sound.clone();
-    capture.counts = sound.counts.gather(|i| kept[(i / len).min(kept.len() - 1)] * len + i % len);
-    disturbed.push(("every 16th frame dropped, not known", capture));
-    let mut capture = sound.clone();
-    capture.counts = replaced(&sound, |t, _| is_dropped(t).then_some(MISSING));
-    capture.info.missing_count = Some(MISSING);
-    disturbed.push(("every 16th frame dropped, filled", capture));
+    disturbed.extend(with_dead_pixels(&sound));
+    disturbed.extend(with_missing_readouts(&sound));
+    disturbed.extend(with_dropped_frames(&sound));
 
     let extent = [sound.height, sound.width];
     let mut synthesizer =
@@ -103,7 +64,7 @@ pub fn sensitivity(
     let mut psnr =
         |capture: &Capture| -> Result<f64> { Ok(compare(truth, &synthesizer.video(capture)?.0)?.psnr_mu) };
     let mut rows = Vec::new();
-    let mut add = |sound: &Capture, disturbed: Vec<(&str, Capture)>| -> Result<()> {
+    let mut add = |sound: &Capture, disturbed: Vec<Disturbed>| -> Result<()> {
         let undisturbed_db = psnr(sound)?;
         for (name, capture) in disturbed {
             let psnr_mu_db = psnr(&capture)?;
@@ -126,6 +87,67 @@ pub fn sensitivity(
         add(&sound, vec![(early, shifted(-1)), (late, shifted(1))])?;
     }
     Ok(rows)
+}
+
+/// Dead and hot pixels, known and not.
+fn with_dead_pixels(sound: &Capture) -> Vec<Disturbed> {
+    let len = sound.height * sound.width;
+    // A prime step spreads the pixels over all cells of the pattern.
+    let dead: Vec<usize> = (0..len / DEAD_EVERY).map(|i| (i * 7919 + 31) % len).collect();
+    let disturbed = |(name, value, known): (&'static str, u16, bool)| {
+        let mut capture = sound.clone();
+        capture.counts = replaced(sound, |_, pixel| dead.contains(&pixel).then_some(value));
+        if known {
+            capture.info.dead_pixels = dead.iter().map(|&i| [i / sound.width, i % sound.width]).collect();
+        }
+        (name, capture)
+    };
+    let cases = [
+        ("0.5% dead pixels, not known", 0, false),
+        ("0.5% dead pixels, filled", 0, true),
+        ("0.5% hot pixels, not known", 1023, false),
+        ("0.5% hot pixels, filled", 1023, true),
+    ];
+    cases.map(disturbed).into()
+}
+
+/// Read-outs that are missing here and there, marked and not.
+fn with_missing_readouts(sound: &Capture) -> Vec<Disturbed> {
+    let is_missing = |t: usize, pixel: usize| {
+        let schedule = sound.pattern.schedule(pixel / sound.width, pixel % sound.width);
+        let end = schedule.covering(sound.info.schedule_start + t as i64).end();
+        // One draw a read-out (the mixer of SplitMix64).
+        let mut draw = (end as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (pixel as u64) << 32;
+        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
+            draw = (draw ^ draw >> 30).wrapping_mul(factor);
+        }
+        (draw ^ draw >> 31).is_multiple_of(MISSING_EVERY)
+    };
+    let disturbed = |(name, value, marker): (&'static str, u16, Option<u16>)| {
+        let mut capture = sound.clone();
+        capture.counts = replaced(sound, |t, pixel| is_missing(t, pixel).then_some(value));
+        capture.info.missing_count = marker;
+        (name, capture)
+    };
+    let cases = [
+        ("1% of read-outs missing, as 0", 0, None),
+        ("1% of read-outs missing, filled", MISSING, Some(MISSING)),
+    ];
+    cases.map(disturbed).into()
+}
+
+/// Frames that are missing now and then, noticed and not.
+fn with_dropped_frames(sound: &Capture) -> Vec<Disturbed> {
+    let len = sound.height * sound.width;
+    let is_dropped = |t: usize| t % DROPPED_EVERY == DROPPED_EVERY / 2;
+    // Those behind a frame that is dropped come too early, and the last one fills up the end.
+    let kept: Vec<usize> = (0..sound.frames).filter(|&t| !is_dropped(t)).collect();
+    let mut early = sound.clone();
+    early.counts = sound.counts.gather(|i| kept[(i / len).min(kept.len() - 1)] * len + i % len);
+    let mut marked = sound.clone();
+    marked.counts = replaced(sound, |t, _| is_dropped(t).then_some(MISSING));
+    marked.info.missing_count = Some(MISSING);
+    vec![("every 16th frame dropped, not known", early), ("every 16th frame dropped, filled", marked)]
 }
 
 /// Counts of which some are replaced; `value` gets frame and pixel.

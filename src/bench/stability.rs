@@ -83,7 +83,7 @@ impl Input {
 /// What is done to a net's weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Weights {
+pub enum WeightStress {
     /// Nothing.
     Plain,
     /// Large ones of opposite sign beside each other, so that sums cancel to what is small.
@@ -102,7 +102,7 @@ pub enum Weights {
     AtFloor,
 }
 
-impl Weights {
+impl WeightStress {
     /// All of them.
     pub const ALL: [Self; 8] = [
         Self::Plain,
@@ -184,14 +184,14 @@ impl Weights {
 
 /// A pattern and a response.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Camera {
+pub struct NamedCalibration {
     /// Name of both.
     pub name: String,
     /// Their tables.
     pub calibration: Calibration,
 }
 
-impl Camera {
+impl NamedCalibration {
     /// A built-in pattern with a response.
     pub fn new(pattern: &str, response: &str, form: Form) -> Result<Self> {
         let pattern = Pattern::built_in(pattern)?;
@@ -257,9 +257,9 @@ pub struct Trial<'a> {
     /// The net before its weights are changed.
     pub model: &'a Model,
     /// What is done to them.
-    pub weights: Weights,
+    pub weights: WeightStress,
     /// The camera.
-    pub camera: &'a Camera,
+    pub camera: &'a NamedCalibration,
     /// Rows and columns, multiples of the net's granularity.
     pub extent: [usize; 2],
 }
@@ -279,11 +279,11 @@ pub struct StressedStep {
 
 /// What came out of a trial with one input.
 #[derive(Clone, Debug, Serialize)]
-pub struct Outcome {
+pub struct TrialOutcome {
     /// Name of the net.
     pub net: String,
     /// What was done to its weights.
-    pub weights: Weights,
+    pub weights: WeightStress,
     /// Pattern and response.
     pub camera: String,
     /// Rows and columns.
@@ -302,7 +302,7 @@ pub struct Outcome {
     pub rescaled: Vec<(String, f32)>,
 }
 
-impl Outcome {
+impl TrialOutcome {
     /// The largest error of a step as a fraction of its bound.
     pub fn fraction(&self) -> f64 {
         self.steps.iter().map(|step| step.fraction).fold(0.0, f64::max)
@@ -317,13 +317,13 @@ impl Outcome {
 
 impl Trial<'_> {
     /// Runs the trial with several inputs.
-    pub fn run(&self, backend: &Backend, inputs: &[Input]) -> Result<Vec<Outcome>> {
+    pub fn run(&self, backend: &Backend, inputs: &[Input]) -> Result<Vec<TrialOutcome>> {
         let mut model = self.model.clone();
         self.weights.apply(&mut model);
         let [height, width] = self.extent;
         let plan = Plan::lower(&model, height, width)?;
         let calibration = &self.camera.calibration;
-        let outcome = |input: Input| Outcome {
+        let outcome = |input: Input| TrialOutcome {
             net: model.graph.name.clone(),
             weights: self.weights,
             camera: self.camera.name.clone(),
@@ -341,7 +341,7 @@ impl Trial<'_> {
         let schedule = 3;
         let mut result = vec![0.0; plan.result.shape.len()];
         let mut exact = result.clone();
-        let one = |&input: &Input| -> Result<Outcome> {
+        let one = |&input: &Input| -> Result<TrialOutcome> {
             let mut outcome = outcome(input);
             let measurement = input.values(plan.measurement.shape, calibration, schedule);
             executor.run(&measurement, schedule, &mut result)?;

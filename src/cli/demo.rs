@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::baseline::box_filter;
-use crate::job::{Job, Memory, Outcome, contact_sheet, shown_frames};
+use crate::job::{InMemory, Job, Outcome, contact_sheet, shown_frames};
 use crate::quality::{Panel, Plot, compare};
 use crate::scene::procedural;
 use crate::sensor::{Capture, hold_to_covering};
@@ -58,7 +58,7 @@ impl Demo {
         capture.info.anchor = Some(f64::from(anchor));
         let job = Job::with(capture.frames(), settings, model, backend)?;
         job.warnings().iter().for_each(terminal::warn);
-        let sink = Memory::new(truth.frames, truth.extent());
+        let sink = InMemory::new(truth.frames, truth.extent());
         let Outcome { output: result, report, summary } = job.run(sink, |_| ())?;
         let calibration = capture.calibration();
         let covering = hold_to_covering(&capture);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::network;
-use crate::sensor::{CameraModel, Defects, Form, Pattern, PatternSource, Response, Sampler, Timing};
+use crate::sensor::{CameraModel, Defects, Form, Pattern, PatternSpec, Response, Sampler, Timing};
 use crate::synth::{self, ExecutorChoice, Settings};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
@@ -290,7 +290,7 @@ impl CaptureOptions {
             }
         };
         if let Some(name) = &self.pattern {
-            set("pattern", Some(to_json(&PatternSource::of(&Pattern::load(name)?))?));
+            set("pattern", Some(to_json(&PatternSpec::of(&Pattern::load(name)?))?));
         }
         if let Some(response) = &self.response {
             set("response", Some(to_json(&response.form()?)?));

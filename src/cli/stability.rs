@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::bench::stability::{self, Camera, Input, Outcome, Trial, Weights};
+use crate::bench::stability::{self, Input, NamedCalibration, Trial, TrialOutcome, WeightStress};
 use crate::bench::{CheckFailed, Sensitivity, Soak, sensitivity, soak};
 use crate::network::Model;
 use crate::scene::procedural;
@@ -78,25 +78,26 @@ impl Stability<'_> {
     }
 
     /// All kernels with all weights and cameras, and the nets as they are.
-    fn outcomes(&self) -> Result<Vec<Outcome>> {
+    fn outcomes(&self) -> Result<Vec<TrialOutcome>> {
         let every_kernel = stability::every_kernel()?;
-        let default = Camera::new("mpve-1-4", "linear", Form::Linear)?;
-        let cameras = if self.quick { Vec::new() } else { Camera::all()? };
+        let default = NamedCalibration::new("mpve-1-4", "linear", Form::Linear)?;
+        let cameras = if self.quick { Vec::new() } else { NamedCalibration::all()? };
         let mut trials = Vec::new();
-        for weights in Weights::ALL {
+        for weights in WeightStress::ALL {
             trials.push((
                 Trial { model: &every_kernel, weights, camera: &default, extent: [6, 10] },
                 &Input::ALL[..],
             ));
         }
         for camera in &cameras {
-            let trial = Trial { model: &every_kernel, weights: Weights::Plain, camera, extent: [6, 10] };
+            let trial = Trial { model: &every_kernel, weights: WeightStress::Plain, camera, extent: [6, 10] };
             trials.push((trial, &Input::ALL));
         }
         for model in self.nets {
             let [_, y, x] = model.graph.granularity()?;
             let extent = [EXTENT.next_multiple_of(y), EXTENT.next_multiple_of(x)];
-            trials.push((Trial { model, weights: Weights::Plain, camera: &default, extent }, &Input::ALL));
+            trials
+                .push((Trial { model, weights: WeightStress::Plain, camera: &default, extent }, &Input::ALL));
         }
         let bar = terminal::progress(trials.len() * self.backends.len(), "under stress");
         let mut outcomes = Vec::new();
@@ -112,12 +113,12 @@ impl Stability<'_> {
 }
 
 /// Where and how something ran.
-fn place(outcome: &Outcome) -> String {
+fn place(outcome: &TrialOutcome) -> String {
     format!("{} {}", outcome.executor, outcome.precision)
 }
 
 /// What occurs among the outcomes, in order.
-fn distinct<'a>(outcomes: &'a [Outcome], of: impl Fn(&'a Outcome) -> Vec<String>) -> Vec<String> {
+fn distinct<'a>(outcomes: &'a [TrialOutcome], of: impl Fn(&'a TrialOutcome) -> Vec<String>) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for name in outcomes.iter().flat_map(of) {
         if !all.contains(&name) {
@@ -128,7 +129,7 @@ fn distinct<'a>(outcomes: &'a [Outcome], of: impl Fn(&'a Outcome) -> Vec<String>
 }
 
 /// The largest error of each kernel as a fraction of its bound, and where that was.
-fn kernel_table(outcomes: &[Outcome]) -> Table {
+fn kernel_table(outcomes: &[TrialOutcome]) -> Table {
     let places = distinct(outcomes, |outcome| vec![place(outcome)]);
     let kernels =
         distinct(outcomes, |outcome| outcome.steps.iter().map(|step| step.kernel.to_owned()).collect());
@@ -153,11 +154,13 @@ fn kernel_table(outcomes: &[Outcome]) -> Table {
 }
 
 /// Each net with its least PSNR and its largest activation.
-fn net_table(outcomes: &[Outcome]) -> Table {
+fn net_table(outcomes: &[TrialOutcome]) -> Table {
     let mut table =
         Table::new(&["net", "executor", "least PSNR to the oracle, dB", "with", "largest value", "rescaled"]);
-    let plain = |outcome: &Outcome| outcome.weights == Weights::Plain && outcome.camera == "mpve-1-4 linear";
-    let outcomes: Vec<Outcome> = outcomes.iter().filter(|outcome| plain(outcome)).cloned().collect();
+    let plain = |outcome: &TrialOutcome| {
+        outcome.weights == WeightStress::Plain && outcome.camera == "mpve-1-4 linear"
+    };
+    let outcomes: Vec<TrialOutcome> = outcomes.iter().filter(|outcome| plain(outcome)).cloned().collect();
     for net in distinct(&outcomes, |outcome| vec![outcome.net.clone()]) {
         for wanted in distinct(&outcomes, |outcome| vec![place(outcome)]) {
             let of: Vec<_> =

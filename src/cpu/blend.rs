@@ -2,17 +2,18 @@
 // Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
 
-use super::camera::Tone;
+use super::Real;
+use super::calibration::Tone;
 use super::features::frame;
-use super::simd::{Simd, Target, Task};
-use super::{Real, ScratchPool, TensorView, TensorViewMut};
-use crate::network::{Block, Tap};
+use super::simd::{Simd, SimdToken, Task};
+use super::view::{ScratchPool, TensorView, TensorViewMut};
+use crate::network::{Fold, Tap};
 
 /// What is computed.
 #[derive(Clone, Copy, Debug)]
 pub struct Blend<'a> {
     /// Block that is unfolded; it spans one frame.
-    pub block: Block,
+    pub block: Fold,
     /// Offsets t, y, x of the pixels that the weights are for.
     pub taps: &'a [Tap],
     /// Frame and row of the log irradiance at which the result begins.
@@ -69,7 +70,7 @@ struct AddTap<'a, R> {
 
 impl<R: Real> Task for AddTap<'_, R> {
     #[inline(always)]
-    fn run<T: Target>(self, _: T) {
+    fn run<T: SimdToken>(self, _: T) {
         let taps = self.weights.iter().zip(self.logs).zip(self.base);
         for (result, ((&weight, &log), &base)) in self.results.iter_mut().zip(taps) {
             *result += weight * (log - base);

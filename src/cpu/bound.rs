@@ -1,16 +1,17 @@
 //! How far a kernel's result may lie from the exact one: bounds that are derived, not guessed (design §7).
 //!
 //! A bound holds for one step on given inputs, at any executor that stores weights and the output with the unit
-//! round-offs of [`Storage`], computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to
+//! round-offs of [`RoundOffs`], computes in f32, and is as accurate as WGSL promises: exp to 3 + 2|x| ULP, log to
 //! 2⁻²¹ on [0.5, 2] and to 3 ULP elsewhere, division to 2.5 ULP, sums in any order, fused or not.
 
 use std::f64::consts::LN_2;
 use std::sync::Arc;
 
 use super::blend::{Along, Blend, Inputs};
-use super::camera::{Camera, inverse_response};
+use super::calibration::{CalibrationTables, inverse_response};
+use super::twin::pack;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{Simd, box_estimate, evaluate, features, pack};
+use super::{Simd, box_estimate, evaluate, features};
 use crate::Result;
 use crate::network::{
     Activation, Channel, ConvolutionStep, Feature, Inspect, Kernel, Layer, MU, PlannedTensor, Precision,
@@ -26,7 +27,7 @@ pub const F16: f64 = 1.0 / (1u32 << 11) as f64;
 
 /// Unit round-offs of what is stored of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Storage {
+pub struct RoundOffs {
     /// Of weights. At f16, those to a channel share a power of two, so that all have full precision but those less than
     /// 2⁻²⁸ of the largest.
     pub weights: f64,
@@ -34,7 +35,7 @@ pub struct Storage {
     pub output: f64,
 }
 
-impl Storage {
+impl RoundOffs {
     /// Everything is f32.
     pub const FULL: Self = Self { weights: F32, output: F32 };
 
@@ -71,28 +72,28 @@ pub fn bound(
     output: &Tensor<f64>,
     calibration: &Calibration,
     schedule: i64,
-    storage: Storage,
+    round_offs: RoundOffs,
 ) -> Tensor<f64> {
     let view = |i: usize| TensorView::dense(&inputs[i]);
-    let camera = Camera { calibration, schedule };
+    let tables = CalibrationTables { calibration, schedule };
     let scratch = &ScratchPool::default();
     let mut error = Tensor::filled(output.shape, 0.0);
     match kernel {
         Kernel::BoxEstimate => {
             let errors = |t: usize, y: usize, line: &mut [f64]| {
-                let values = line.iter_mut().zip(view(0).line(t, y)).zip(camera.exposures(t, y));
+                let values = line.iter_mut().zip(view(0).line(t, y)).zip(tables.exposures(t, y));
                 for ((error, &measured), exposure) in values {
                     *error = irradiance_error(calibration, measured, exposure);
                 }
             };
             box_estimate::box_filter(view(0), TensorViewMut::dense(&mut error), scratch, errors);
-            // Weights are powers of two: 8 additions of positive numbers and a quotient.
+            // WeightSums are powers of two: 8 additions of positive numbers and a quotient.
             add(&mut error, output, |mean| (8.0 * U + QUOTIENT) * mean);
         }
         Kernel::Features { channels, block, .. } => {
             let given = inputs.len() > 2;
             let errors = |channel: Channel, t: usize, y: usize, line: &mut [f64]| {
-                let values = view(0).line(t, y).iter().zip(camera.exposures(t, y));
+                let values = view(0).line(t, y).iter().zip(tables.exposures(t, y));
                 for (x, (error, (&measured, exposure))) in line.iter_mut().zip(values).enumerate() {
                     *error = match channel.feature {
                         Feature::Measurement | Feature::Saturated => 0.0,
@@ -109,7 +110,7 @@ pub fn bound(
             for t in 0..output.shape.t {
                 for y in 0..output.shape.y {
                     let first = (t * output.shape.y + y) * output.shape.x;
-                    let values = view(0).line(t, y).iter().zip(camera.exposures(t, y));
+                    let values = view(0).line(t, y).iter().zip(tables.exposures(t, y));
                     for (error, (&measured, exposure)) in error.data[first..].iter_mut().zip(values) {
                         *error = log_irradiance_error(calibration, measured, exposure);
                     }
@@ -117,7 +118,7 @@ pub fn bound(
             }
         }
         Kernel::Convolution(step) => {
-            error = convolution_error(step, inputs, output, storage.weights);
+            error = convolution_error(step, inputs, output, round_offs.weights);
         }
         Kernel::InverseResponse { exposures } => {
             let n = exposures.len();
@@ -145,7 +146,7 @@ pub fn bound(
             let mut magnitudes = error.clone();
             blend.along_rows(inputs, TensorViewMut::dense(&mut magnitudes), scratch, &Magnitudes);
             let mut weights = error.clone();
-            blend.along_rows(inputs, TensorViewMut::dense(&mut weights), scratch, &Weights);
+            blend.along_rows(inputs, TensorViewMut::dense(&mut weights), scratch, &WeightSums);
             let sums = magnitudes.data.iter().zip(&weights.data);
             let values = inputs.estimate.pixels().flatten().zip(&output.data);
             for ((error, (magnitude, weights)), (&estimate, &result)) in
@@ -156,8 +157,8 @@ pub fn bound(
             }
         }
     }
-    let least = smallest_normal(storage.output);
-    add(&mut error, output, |value| storage.output * value.abs().max(least));
+    let least = smallest_normal(round_offs.output);
+    add(&mut error, output, |value| round_offs.output * value.abs().max(least));
     error.map(|error| SLACK * error)
 }
 
@@ -181,9 +182,9 @@ impl Along<f64> for Magnitudes {
 }
 
 /// 1 + Σ |w|: how far an error of b goes.
-struct Weights;
+struct WeightSums;
 
-impl Along<f64> for Weights {
+impl Along<f64> for WeightSums {
     fn begin(&self, _: &[f64], results: &mut [f64]) {
         results.fill(1.0);
     }
@@ -239,8 +240,8 @@ pub fn step_errors(
         let inputs: Vec<Tensor<f64>> = inputs.iter().map(|input| input.map(|&v| f64::from(v))).collect();
         let schedule = step.schedule(schedule);
         let exact = evaluate(&step.kernel, &inputs, output.shape, calibration, schedule);
-        let storage = Storage::of(&tensors[step.output.tensor.0], precision);
-        let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, storage);
+        let round_offs = RoundOffs::of(&tensors[step.output.tensor.0], precision);
+        let bound = bound(&step.kernel, &inputs, &exact, calibration, schedule, round_offs);
         let fraction = largest_fraction(output, &exact, &bound);
         let magnitude = output.data.iter().map(|v| v.abs()).fold(0.0, f32::max);
         errors.push(StepError { step: step.name.clone(), kernel: step.kernel.name(), fraction, magnitude });
@@ -269,7 +270,7 @@ fn convolution_error(
     output: &Tensor<f64>,
     storage: f64,
 ) -> Tensor<f64> {
-    // |W| ∗ |x| + |bias|. Weights that storage may round as if they were larger count as that.
+    // |W| ∗ |x| + |bias|. WeightSums that storage may round as if they were larger count as that.
     let relative = if storage > F32 { 2f32.powi(-28) } else { 0.0 };
     let largest = step.largest_weights();
     let least: Vec<f32> = largest.into_iter().map(|w| (relative * w).max(f32::MIN_POSITIVE)).collect();

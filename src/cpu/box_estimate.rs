@@ -1,7 +1,8 @@
 //! `box_estimate`: the (1 2 1)ᵀ(1 2 1)-weighted mean of irradiance over the 3×3 neighbours.
 
-use super::camera::Camera;
-use super::{Real, ScratchPool, TensorView, TensorViewMut};
+use super::Real;
+use super::calibration::CalibrationTables;
+use super::view::{ScratchPool, TensorView, TensorViewMut};
 use crate::network::SATURATED;
 
 /// Rows that one task computes; it reads the two rows beside them too.
@@ -11,11 +12,11 @@ const ROWS: usize = 16;
 pub fn run<R: Real>(
     measurement: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,
-    camera: Camera<'_>,
+    tables: CalibrationTables<'_>,
     scratch: &ScratchPool<R>,
 ) {
     box_filter(measurement, output, scratch, |t, y, line| {
-        camera.irradiance(t, y, measurement.line(t, y), line);
+        tables.irradiance(t, y, measurement.line(t, y), line);
     });
 }
 

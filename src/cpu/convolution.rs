@@ -12,10 +12,11 @@
 // Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
 
-use super::gemm::{Product, Segment, Tile, TileTask, multiply};
-use super::simd::{Simd, Target, Vector};
+use super::Real;
+use super::gemm::{Product, RegisterBlock, RegisterBlockTask, Segment, multiply};
+use super::simd::{Simd, SimdToken, Vector};
 use super::view::{Rows, Scratch, positions};
-use super::{Real, ScratchPool, TensorView, TensorViewMut};
+use super::view::{ScratchPool, TensorView, TensorViewMut};
 use crate::network::{Activation, ConvolutionStep};
 
 /// Results of a block. A block's inputs and a panel of weights should stay in the second-level cache.
@@ -58,7 +59,7 @@ pub struct Packed<R> {
     /// Number of products that a result is the sum of, at most.
     products: usize,
     simd: Simd,
-    tile: Tile,
+    registers: RegisterBlock,
     /// Results along x that count as one.
     group: usize,
     /// For each phase along t, y and x, weights [panel][tap t, y, x][in channel][channel of the panel].
@@ -107,18 +108,19 @@ impl Axis {
     }
 }
 
-/// The tile, and results along x to a group, that take least time.
-fn tiling<R: Real>(simd: Simd, out_channels: usize, axis_x: &Axis) -> (Tile, usize) {
-    let cost = |&(tile, group): &(Tile, usize)| {
+/// The register block, and results along x to a group, that take least time.
+fn register_blocking<R: Real>(simd: Simd, out_channels: usize, axis_x: &Axis) -> (RegisterBlock, usize) {
+    let cost = |&(registers, group): &(RegisterBlock, usize)| {
         let taps = axis_x.grouped(group).phases[0].taps;
-        tile.cost * (out_channels * group).div_ceil(tile.width()) as f64 * taps as f64 / group as f64
+        registers.cost * (out_channels * group).div_ceil(registers.width()) as f64 * taps as f64
+            / group as f64
     };
-    let groups = |tile: Tile| {
-        let most = if axis_x.phases.len() == 1 { (tile.width() / out_channels).max(1) } else { 1 };
-        (1..=most).map(move |group| (tile, group))
+    let groups = |registers: RegisterBlock| {
+        let most = if axis_x.phases.len() == 1 { (registers.width() / out_channels).max(1) } else { 1 };
+        (1..=most).map(move |group| (registers, group))
     };
-    let tilings = Tile::all::<R>(simd).flat_map(groups);
-    tilings.min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("there are tiles")
+    let blockings = RegisterBlock::all::<R>(simd).flat_map(groups);
+    blockings.min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("there are register blocks")
 }
 
 impl<R: Real> Packed<R> {
@@ -133,8 +135,8 @@ impl<R: Real> Packed<R> {
         let ConvolutionStep { in_channels, out_channels, activation, ref layer, .. } = *step;
         let taps = |axis: &Axis| axis.phases.iter().map(|phase| phase.taps).max().unwrap_or(0);
         let products = axes.iter().map(taps).product::<usize>() * in_channels;
-        let (tile, group) = tiling::<R>(simd, out_channels, &axes[2]);
-        let panels = (group * out_channels).div_ceil(tile.width());
+        let (registers, group) = register_blocking::<R>(simd, out_channels, &axes[2]);
+        let panels = (group * out_channels).div_ceil(registers.width());
         let (stride_x, phases_x) = (axes[2].stride, axes[2].phases.clone());
         let [axis_t, axis_y, axis_x] = axes;
         let axes = [axis_t, axis_y, axis_x.grouped(group)];
@@ -148,11 +150,11 @@ impl<R: Real> Packed<R> {
         for phase in positions(axes.each_ref().map(|axis| axis.phases.len())) {
             let taps: [usize; 3] = std::array::from_fn(|i| axes[i].phases[phase[i]].taps);
             let mut packed =
-                Vec::with_capacity(panels * tile.width() * in_channels * taps.iter().product::<usize>());
+                Vec::with_capacity(panels * registers.width() * in_channels * taps.iter().product::<usize>());
             for panel in 0..panels {
                 for tap in positions(taps) {
                     for i in 0..in_channels {
-                        let channels = panel * tile.width()..(panel + 1) * tile.width();
+                        let channels = panel * registers.width()..(panel + 1) * registers.width();
                         packed.extend(channels.map(|c| grouped(c, i, phase, tap)));
                     }
                 }
@@ -162,7 +164,7 @@ impl<R: Real> Packed<R> {
         let channels = |values: &[f32]| {
             let groups = values.iter().cycle().take(group * out_channels).map(|&v| R::from_f32(v));
             let mut channels: Vec<R> = groups.collect();
-            channels.resize(panels * tile.width(), R::ZERO);
+            channels.resize(panels * registers.width(), R::ZERO);
             channels
         };
         Self {
@@ -171,7 +173,7 @@ impl<R: Real> Packed<R> {
             out_channels,
             products,
             simd,
-            tile,
+            registers,
             group,
             weights,
             bias: channels(&layer.bias),
@@ -239,7 +241,7 @@ impl<R: Real> Packed<R> {
             if one_tap || input.stride == self.in_channels { in_place(input, ranges) } else { None };
         let Pixels { values, pixel, row, frame } =
             in_place.unwrap_or_else(|| gather(input, ranges, &mut gathered));
-        let depth = DEPTH.min(PANEL / self.tile.width());
+        let depth = DEPTH.min(PANEL / self.registers.width());
 
         for (phase_y, &Phase { taps: taps_y, .. }) in axis_y.phases.iter().enumerate() {
             for (phase_x, &Phase { taps: taps_x, .. }) in axis_x.phases.iter().enumerate() {
@@ -262,10 +264,10 @@ impl<R: Real> Packed<R> {
                     }
                 }
                 let Some(&last) = scratch.pixels.last() else { continue };
-                // The last tile is filled up with a pixel whose sums nobody reads.
-                let pixels = scratch.pixels.len().next_multiple_of(self.tile.pixels);
+                // The last register block is filled up with a pixel whose sums nobody reads.
+                let pixels = scratch.pixels.len().next_multiple_of(self.registers.pixels);
                 scratch.pixels.resize(pixels, last);
-                let sums = pixels * self.tile.width();
+                let sums = pixels * self.registers.width();
                 if scratch.sums.len() < sums {
                     scratch.sums.resize(sums, R::ZERO);
                 }
@@ -273,18 +275,20 @@ impl<R: Real> Packed<R> {
                 let phases = [axis_t.phases.len(), axis_y.phases.len(), axis_x.phases.len()];
                 let weights = &self.weights[(phase_t * phases[1] + phase_y) * phases[2] + phase_x];
                 let taps_yx = taps_y * run;
-                for (index, panel) in weights.chunks_exact(taps_t * taps_yx * self.tile.width()).enumerate() {
+                for (index, panel) in
+                    weights.chunks_exact(taps_t * taps_yx * self.registers.width()).enumerate()
+                {
                     let panel = Panel {
                         layer: self,
                         index,
-                        weights: &panel[skipped * taps_yx * self.tile.width()..],
+                        weights: &panel[skipped * taps_yx * self.registers.width()..],
                         depth,
                         values,
                         scratch,
                         added,
                         rows,
                     };
-                    self.tile.run(self.simd, panel);
+                    self.registers.run(self.simd, panel);
                 }
             }
         }
@@ -306,20 +310,20 @@ struct Panel<'a, 'r, R> {
     rows: &'a mut Rows<'r, R>,
 }
 
-impl<R: Real> TileTask for Panel<'_, '_, R> {
+impl<R: Real> RegisterBlockTask for Panel<'_, '_, R> {
     #[inline(always)]
-    fn run<T: Target, const PIXELS: usize, const VECTORS: usize>(mut self, target: T) {
-        self.sum::<T, PIXELS, VECTORS>(target);
+    fn run<T: SimdToken, const PIXELS: usize, const VECTORS: usize>(mut self, token: T) {
+        self.sum::<T, PIXELS, VECTORS>(token);
         match self.layer.activation {
-            Activation::None => self.finish::<T, VECTORS>(target, |v| v),
+            Activation::None => self.finish::<T, VECTORS>(token, |v| v),
             Activation::LeakyRelu(slope) => {
-                let slope = R::Vector::<T>::splat(target, R::from_f32(slope));
-                self.finish::<T, VECTORS>(target, |v| v.unless_negative(v * slope));
+                let slope = R::Vector::<T>::splat(token, R::from_f32(slope));
+                self.finish::<T, VECTORS>(token, |v| v.unless_negative(v * slope));
             }
-            Activation::Sigmoid => self.finish::<T, VECTORS>(target, |v| v.map(sigmoid)),
+            Activation::Sigmoid => self.finish::<T, VECTORS>(token, |v| v.map(sigmoid)),
             Activation::Softplus(floor) => {
                 let floor = R::from_f32(floor);
-                self.finish::<T, VECTORS>(target, |v| v.map(|v| softplus(v) + floor));
+                self.finish::<T, VECTORS>(token, |v| v.map(|v| softplus(v) + floor));
             }
         }
     }
@@ -328,7 +332,7 @@ impl<R: Real> TileTask for Panel<'_, '_, R> {
 impl<R: Real> Panel<'_, '_, R> {
     /// Computes the sums of all pixels.
     #[inline(always)]
-    fn sum<T: Target, const PIXELS: usize, const VECTORS: usize>(&mut self, target: T) {
+    fn sum<T: SimdToken, const PIXELS: usize, const VECTORS: usize>(&mut self, token: T) {
         let width = VECTORS * R::Vector::<T>::LANES;
         let Scratch { sums, pixels, segments, .. } = &mut *self.scratch;
         let (mut segments, mut panel) = (&segments[..], self.weights);
@@ -346,16 +350,16 @@ impl<R: Real> Panel<'_, '_, R> {
             let depth: usize = now.iter().map(|segment| segment.len).sum();
             let (weights, rest) = panel.split_at(depth * width);
             let product = Product { values: self.values, pixels, segments: now, panel: weights };
-            multiply::<R, T, PIXELS, VECTORS>(target, &product, first, sums);
+            multiply::<R, T, PIXELS, VECTORS>(token, &product, first, sums);
             (segments, panel, first) = (later, rest, false);
         }
     }
 
     /// v = activation(sum + bias); with `norm`: v = v·scale + shift; with `added`: v = v + added.
     #[inline(always)]
-    fn finish<T: Target, const VECTORS: usize>(
+    fn finish<T: SimdToken, const VECTORS: usize>(
         &mut self,
-        target: T,
+        token: T,
         activation: impl Fn(R::Vector<T>) -> R::Vector<T>,
     ) {
         let lanes = R::Vector::<T>::LANES;
@@ -372,11 +376,11 @@ impl<R: Real> Panel<'_, '_, R> {
             // Everything happens in place, and in one loop: closures that are called twice are not inlined.
             for (i, sums) in sums.chunks_exact_mut(lanes).enumerate() {
                 let at = i * lanes;
-                let sum = R::Vector::<T>::load(target, sums);
-                let mut value = activation(sum + R::Vector::<T>::load(target, &bias[at..]));
+                let sum = R::Vector::<T>::load(token, sums);
+                let mut value = activation(sum + R::Vector::<T>::load(token, &bias[at..]));
                 if let Some([scale, shift]) = norm {
-                    let scale = R::Vector::<T>::load(target, &scale[at..]);
-                    value = value * scale + R::Vector::<T>::load(target, &shift[at..]);
+                    let scale = R::Vector::<T>::load(token, &scale[at..]);
+                    value = value * scale + R::Vector::<T>::load(token, &shift[at..]);
                 }
                 value.store(sums);
             }

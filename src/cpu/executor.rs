@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::convolution::Packed;
+use super::twin::{KernelCall, pack};
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
-use super::{Call, Real, Simd, pack};
+use super::{Real, Simd};
 use crate::network::{
     Carry, ConvolutionStep, Executor, Following, Inspect, Plan, Run, State, Step, Tensor, View, WindowTime,
     check_len,
@@ -38,20 +39,20 @@ pub struct CpuExecutor<R> {
     result: Option<Vec<f32>>,
 }
 
-/// What executors of one net for windows of different sizes share: packed weights, and memory.
+/// What executors of one net for windows of different sizes share: packed weights, and an arena.
 #[derive(Clone, Debug)]
 pub struct Shared<R> {
-    weights: Arc<Mutex<Weights<R>>>,
-    memory: Arc<Mutex<Memory<R>>>,
+    weights: Arc<Mutex<PackedWeights<R>>>,
+    arena: Arc<Mutex<Arena<R>>>,
 }
 
 /// Packed weights by the name of the step and its padding, in which pieces differ, with what they were packed from.
-type Weights<R> = HashMap<(String, [usize; 3]), (Arc<ConvolutionStep>, Arc<Packed<R>>)>;
+type PackedWeights<R> = HashMap<(String, [usize; 3]), (Arc<ConvolutionStep>, Arc<Packed<R>>)>;
 
 /// What one window is computed in. Slots are as long as the largest plan needs. No result depends on what another
 /// tensor or window left there, all of which is finite.
 #[derive(Debug)]
-struct Memory<R> {
+struct Arena<R> {
     slots: Vec<Vec<R>>,
     /// Results that were collected.
     free: Vec<Vec<f32>>,
@@ -62,13 +63,13 @@ struct Memory<R> {
 
 impl<R> Default for Shared<R> {
     fn default() -> Self {
-        let memory = Memory {
+        let arena = Arena {
             slots: Vec::new(),
             free: Vec::new(),
             inner: Spare::default(),
             scratch: ScratchPool::default(),
         };
-        Self { weights: Arc::default(), memory: Arc::new(Mutex::new(memory)) }
+        Self { weights: Arc::default(), arena: Arc::new(Mutex::new(arena)) }
     }
 }
 
@@ -89,8 +90,8 @@ impl<R: Real> Shared<R> {
         Some(packed)
     }
 
-    fn memory(&self) -> MutexGuard<'_, Memory<R>> {
-        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+    fn arena(&self) -> MutexGuard<'_, Arena<R>> {
+        self.arena.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -118,27 +119,27 @@ impl<R: Real> CpuExecutor<R> {
         Self { plan, calibration, simd, packed, shared, result: None }
     }
 
-    /// Memory with the measurement in its slot. What is not finite counts as 0, so that no kernel meets NaN.
-    fn load(&self, measurement: &[f32]) -> Result<MutexGuard<'_, Memory<R>>> {
+    /// The arena with the measurement in its slot. What is not finite counts as 0, so that no kernel meets NaN.
+    fn load(&self, measurement: &[f32]) -> Result<MutexGuard<'_, Arena<R>>> {
         let View { slot, offset, shape, .. } = self.plan.measurement;
         check_len("the measurement", measurement.len(), shape.len())?;
-        let mut memory = self.shared.memory();
-        if memory.slots.len() < self.plan.slots.len() {
-            memory.slots.resize_with(self.plan.slots.len(), Vec::new);
+        let mut arena = self.shared.arena();
+        if arena.slots.len() < self.plan.slots.len() {
+            arena.slots.resize_with(self.plan.slots.len(), Vec::new);
         }
-        for (slot, &len) in memory.slots.iter_mut().zip(&self.plan.slots) {
+        for (slot, &len) in arena.slots.iter_mut().zip(&self.plan.slots) {
             if slot.len() < len {
                 // Fresh zeros cost nothing until they are touched, a copy would.
                 *slot = vec![R::ZERO; len];
             }
         }
-        let values = &mut memory.slots[slot][offset..][..measurement.len()];
+        let values = &mut arena.slots[slot][offset..][..measurement.len()];
         values.par_chunks_mut(LOADED).zip(measurement.par_chunks(LOADED)).for_each(|(values, measured)| {
             for (value, &y) in values.iter_mut().zip(measured) {
                 *value = if y.is_finite() { R::from_f32(y.clamp(0.0, 1.0)) } else { R::ZERO };
             }
         });
-        Ok(memory)
+        Ok(arena)
     }
 
     /// The steps of a window by itself, or of one that follows another one.
@@ -172,43 +173,43 @@ struct Program<'a, R> {
 
 impl<R: Real> Program<'_, R> {
     /// Computes a window; with what the one before has `left`, and leaves there what the next one needs.
-    fn run(&self, memory: &mut Memory<R>, schedule: i64, left: &mut [Vec<R>]) {
+    fn run(&self, arena: &mut Arena<R>, schedule: i64, left: &mut [Vec<R>]) {
         for run in self.runs {
             for &index in run.restores.iter().filter(|_| self.follows) {
                 let Carry { tensor, wanted, .. } = &self.executor.plan.carries[index];
                 let slot = self.executor.plan.tensors[tensor.0].slot;
-                copy(&mut memory.slots[slot][wanted.clone()], &left[index]);
+                copy(&mut arena.slots[slot][wanted.clone()], &left[index]);
             }
             let bytes = run.inner.iter().map(|(_, len)| len * size_of::<R>()).sum::<usize>();
             if run.pieces.len() > 1 && bytes <= SIDE_BY_SIDE {
-                self.side_by_side(memory, run, schedule);
+                self.side_by_side(arena, run, schedule);
             } else {
-                run.pieces.iter().cloned().flatten().for_each(|index| self.step(memory, index, schedule));
+                run.pieces.iter().cloned().flatten().for_each(|index| self.step(arena, index, schedule));
             }
             for &index in &run.saves {
                 // A window by itself leaves nothing.
                 let Some(left) = left.get_mut(index) else { continue };
                 let Carry { tensor, written, .. } = &self.executor.plan.carries[index];
                 let slot = self.executor.plan.tensors[tensor.0].slot;
-                copy(left, &memory.slots[slot][written.clone()]);
+                copy(left, &arena.slots[slot][written.clone()]);
             }
         }
     }
 
     /// Runs one step by itself.
-    fn step(&self, memory: &mut Memory<R>, index: usize, schedule: i64) {
+    fn step(&self, arena: &mut Arena<R>, index: usize, schedule: i64) {
         let slot = self.steps[index].output.slot;
         // A step never reads the slot that it writes.
-        let mut written = std::mem::take(&mut memory.slots[slot]);
-        let mut parts = [Part { slot, begin: 0, values: &mut written }];
-        self.piece(index..index + 1, schedule, &memory.slots, &mut parts, &memory.scratch);
-        memory.slots[slot] = written;
+        let mut written = std::mem::take(&mut arena.slots[slot]);
+        let mut parts = [SlotPart { slot, begin: 0, values: &mut written }];
+        self.piece(index..index + 1, schedule, &arena.slots, &mut parts, &arena.scratch);
+        arena.slots[slot] = written;
     }
 
     /// Runs the pieces of a run at the same time: each writes its own part of what is read later, and has what it leaves
     /// for itself to itself. So threads wait for each other once a run, not once a step.
-    fn side_by_side(&self, memory: &mut Memory<R>, run: &Run, schedule: i64) {
-        let Memory { slots, scratch, inner, .. } = memory;
+    fn side_by_side(&self, arena: &mut Arena<R>, run: &Run, schedule: i64) {
+        let Arena { slots, scratch, inner, .. } = arena;
         let inner = &*inner;
         let mut pieces: Vec<_> = run.pieces.iter().map(|steps| (steps.clone(), Vec::new())).collect();
         let written = |steps: &Range<usize>, slot: usize| {
@@ -230,7 +231,7 @@ impl<R: Real> Program<'_, R> {
             for (steps, parts) in &mut pieces {
                 let Some((begin, len)) = written(steps, *slot) else { continue };
                 let (part, behind) = rest.split_at_mut(begin - at).1.split_at_mut(len);
-                parts.push(Part { slot: *slot, begin, values: part });
+                parts.push(SlotPart { slot: *slot, begin, values: part });
                 (rest, at) = (behind, begin + len);
             }
         }
@@ -240,7 +241,7 @@ impl<R: Real> Program<'_, R> {
                 own.resize_with(own.len().max(run.inner.len()), Vec::new);
                 for (values, &(slot, len)) in own.iter_mut().zip(&run.inner) {
                     values.resize(len.max(values.len()), R::ZERO);
-                    parts.push(Part { slot, begin: 0, values });
+                    parts.push(SlotPart { slot, begin: 0, values });
                 }
                 self.piece(steps, schedule, slots, &mut parts, scratch);
             });
@@ -256,7 +257,7 @@ impl<R: Real> Program<'_, R> {
         steps: Range<usize>,
         schedule: i64,
         slots: &[Vec<R>],
-        parts: &mut [Part<'_, R>],
+        parts: &mut [SlotPart<'_, R>],
         scratch: &ScratchPool<R>,
     ) {
         for index in steps {
@@ -264,7 +265,7 @@ impl<R: Real> Program<'_, R> {
             let own = parts.iter().position(|part| part.slot == step.output.slot);
             let own = own.expect("a piece has a part of each slot that it writes");
             let written = std::mem::take(&mut parts[own].values);
-            let call = Call {
+            let call = KernelCall {
                 kernel: &step.kernel,
                 packed: self.packed[index].as_deref(),
                 calibration: &self.executor.calibration,
@@ -284,21 +285,21 @@ impl<R: Real> Program<'_, R> {
 }
 
 /// A part of a slot, which one piece of a run has for itself.
-struct Part<'a, R> {
+struct SlotPart<'a, R> {
     slot: usize,
     /// Where it begins in the slot.
     begin: usize,
     values: &'a mut [R],
 }
 
-impl<R> Part<'_, R> {
+impl<R> SlotPart<'_, R> {
     /// Where a view of the slot lies in it.
     fn place(&self, view: &View) -> View {
         View { offset: view.offset - self.begin, ..*view }
     }
 }
 
-impl<R: Real> Memory<R> {
+impl<R: Real> Arena<R> {
     fn tensor(&self, view: &View) -> Tensor {
         let pixels = TensorView::new(&self.slots[view.slot], view).pixels();
         Tensor { shape: view.shape, data: pixels.flatten().map(|v| v.to_f32()).collect() }
@@ -323,7 +324,7 @@ impl<R: Real> Executor for CpuExecutor<R> {
         if self.result.is_some() {
             return Err(Error::Misuse("a window is computed; collect it first".into()));
         }
-        let mut memory = self.load(measurement)?;
+        let mut arena = self.load(measurement)?;
         let (mut follows, mut left) = (false, &mut Left::new());
         if let Some(state) = state {
             follows = state.advance(schedule, self.plan.window.hop);
@@ -334,15 +335,15 @@ impl<R: Real> Executor for CpuExecutor<R> {
                 return Err(Error::Misuse("a state of another plan".into()));
             }
         }
-        self.program(follows).run(&mut memory, schedule, left);
-        let mut result = memory.free.pop().unwrap_or_default();
+        self.program(follows).run(&mut arena, schedule, left);
+        let mut result = arena.free.pop().unwrap_or_default();
         let view = self.plan.result;
-        let pixels = TensorView::new(&memory.slots[view.slot], &view).pixels();
+        let pixels = TensorView::new(&arena.slots[view.slot], &view).pixels();
         result.clear();
         // Only a net whose weights overflow gets here with anything else than a finite number.
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
         result.extend(pixels.flatten().map(|v| finite(v.to_f32())));
-        drop(memory);
+        drop(arena);
         self.result = Some(result);
         Ok(())
     }
@@ -353,7 +354,7 @@ impl<R: Real> Executor for CpuExecutor<R> {
             return Err(Error::Misuse("no window was submitted".into()));
         };
         result.copy_from_slice(&values);
-        self.shared.memory().free.push(values);
+        self.shared.arena().free.push(values);
         Ok(())
     }
 
@@ -377,33 +378,33 @@ impl<R: Real> Inspect for CpuExecutor<R> {
         schedule: i64,
         visit: &mut dyn FnMut(&Step, &[Tensor], &Tensor),
     ) -> Result<()> {
-        let mut memory = self.load(measurement)?;
+        let mut arena = self.load(measurement)?;
         let program = self.program(false);
         for (index, step) in program.steps.iter().enumerate() {
-            let inputs: Vec<Tensor> = step.inputs.iter().map(|view| memory.tensor(view)).collect();
-            program.step(&mut memory, index, schedule);
-            visit(step, &inputs, &memory.tensor(&step.output));
+            let inputs: Vec<Tensor> = step.inputs.iter().map(|view| arena.tensor(view)).collect();
+            program.step(&mut arena, index, schedule);
+            visit(step, &inputs, &arena.tensor(&step.output));
         }
         Ok(())
     }
 
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
-        let mut memory = self.load(measurement)?;
+        let mut arena = self.load(measurement)?;
         let program = self.program(true);
         let mut left = self.left();
         let begun = Instant::now();
         for _ in 0..windows {
-            program.run(&mut memory, schedule, &mut left);
+            program.run(&mut arena, schedule, &mut left);
         }
         Ok(WindowTime { wall: begun.elapsed(), device: None })
     }
 
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
-        let mut memory = self.load(measurement)?;
+        let mut arena = self.load(measurement)?;
         let program = self.program(true);
         let time = |index| {
             let begun = Instant::now();
-            program.step(&mut memory, index, schedule);
+            program.step(&mut arena, index, schedule);
             begun.elapsed()
         };
         Ok((0..program.steps.len()).map(time).collect())

@@ -1,9 +1,10 @@
 //! `features`: the channels that a net sees of each pixel, with blocks of pixels folded into channels.
 
-use super::camera::{Camera, Tone};
+use super::Real;
+use super::calibration::{CalibrationTables, Tone};
 use super::view::positions;
-use super::{Real, ScratchPool, TensorView, TensorViewMut};
-use crate::network::{Block, Channel, Feature, SATURATED};
+use super::view::{ScratchPool, TensorView, TensorViewMut};
+use crate::network::{Channel, Feature, Fold, SATURATED};
 
 /// What is computed.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +12,7 @@ pub struct Features<'a> {
     /// Channels per pixel.
     pub channels: &'a [Channel],
     /// Block that is folded.
-    pub block: Block,
+    pub block: Fold,
     /// Frames of the log irradiance before the first block.
     pub lead: usize,
 }
@@ -23,7 +24,7 @@ impl Features<'_> {
         [measurement, estimate]: [TensorView<'_, R>; 2],
         log_irradiance: Option<TensorView<'_, R>>,
         output: TensorViewMut<'_, R>,
-        camera: Camera<'_>,
+        tables: CalibrationTables<'_>,
         scratch: &ScratchPool<R>,
     ) {
         let tone = Tone::new();
@@ -37,7 +38,7 @@ impl Features<'_> {
                         Some(frame) => line.copy_from_slice(logs.line(frame, y)),
                         None => line.fill(R::ZERO),
                     },
-                    None => camera.log_irradiance(t, y, measured, line),
+                    None => tables.log_irradiance(t, y, measured, line),
                 },
                 Feature::LogEstimate => {
                     line.copy_from_slice(estimate.line(t, y));
@@ -49,7 +50,7 @@ impl Features<'_> {
                     }
                 }
                 Feature::LogExposure => {
-                    for (value, exposure) in line.iter_mut().zip(camera.exposures(t, y)) {
+                    for (value, exposure) in line.iter_mut().zip(tables.exposures(t, y)) {
                         *value = R::from_f32(exposure).log2();
                     }
                 }
@@ -67,7 +68,7 @@ pub(super) fn frame(frames: usize, t: usize, offset: i32) -> Option<usize> {
 /// channel along row y of frame t.
 pub(super) fn fold<R: Real>(
     channels: &[Channel],
-    [bt, by, bx]: Block,
+    [bt, by, bx]: Fold,
     output: TensorViewMut<'_, R>,
     scratch: &ScratchPool<R>,
     values: impl Fn(Channel, usize, usize, &mut [R]) + Sync,

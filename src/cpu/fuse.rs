@@ -1,6 +1,7 @@
 //! `fuse`: the weighted mean of irradiance (eq. 23).
 
-use super::{Real, TensorView, TensorViewMut};
+use super::Real;
+use super::view::{TensorView, TensorViewMut};
 
 /// Weights w (n channels) and the result of `inverse_response` (2n channels, the last n are p) → Σ w p / Σ w.
 pub fn run<R: Real>(weights: TensorView<'_, R>, rendered: TensorView<'_, R>, output: TensorViewMut<'_, R>) {

@@ -1,7 +1,7 @@
 //! Products of gathered pixels with packed weights: the inner loop of every convolution.
 //!
-//! A tile of sums stays in vector registers while products are added to it. Each sum runs over its products
-//! in one fixed order, so it depends neither on the tiling nor on the number of threads.
+//! A block of sums stays in vector registers while products are added to it. Each sum runs over its products
+//! in one fixed order, so it depends neither on the blocking nor on the number of threads.
 //!
 //! A library for matrix products packs both operands in each call, which does not pay for the 24 to 128
 //! channels that nets have here (docs/performance.md).
@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::Real;
-use super::simd::{Simd, Target, Task, Vector};
+use super::simd::{Simd, SimdToken, Task, Vector};
 
 /// A run of neighbouring values that is multiplied with as many rows of a panel.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,7 @@ pub struct Segment {
 pub struct Product<'a, R> {
     /// The values that are gathered from.
     pub values: &'a [R],
-    /// Index of each pixel's first value. The number of pixels is a multiple of the panel's tile.
+    /// Index of each pixel's first value. The number of pixels is a multiple of the panel's block.
     pub pixels: &'a [usize],
     /// Which values of a pixel take part.
     pub segments: &'a [Segment],
@@ -36,38 +36,38 @@ pub struct Product<'a, R> {
     pub panel: &'a [R],
 }
 
-/// Shape of the tiles in registers: how many pixels by how many channels.
+/// Shape of the blocks in registers: how many pixels by how many channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tile {
+pub struct RegisterBlock {
     /// Pixels.
     pub pixels: usize,
     /// Channels, as vectors: the width of a panel.
     pub vectors: usize,
     /// Channels of a vector.
     pub lanes: usize,
-    /// Time for each pixel and product, in units of one that takes a vector: narrow tiles load more.
+    /// Time for each pixel and product, in units of one that takes a vector: narrow blocks load more.
     pub cost: f64,
 }
 
-/// Something to do that is compiled for every shape of tile.
-pub trait TileTask {
-    /// Does it for tiles of `PIXELS` pixels by `VECTORS` vectors of channels.
-    fn run<T: Target, const PIXELS: usize, const VECTORS: usize>(self, target: T);
+/// Something to do that is compiled for every shape of block.
+pub trait RegisterBlockTask {
+    /// Does it for blocks of `PIXELS` pixels by `VECTORS` vectors of channels.
+    fn run<T: SimdToken, const PIXELS: usize, const VECTORS: usize>(self, token: T);
 }
 
-impl Tile {
-    /// The tiles that there are.
+impl RegisterBlock {
+    /// The blocks that there are.
     ///
-    /// With 512 bits a tile has up to 24 sums of 32 vectors, else up to 12 of 16; the others are for
-    /// operands. More pixels in the narrow tiles would need more addresses than there are registers.
+    /// With 512 bits a block has up to 24 sums of 32 vectors, else up to 12 of 16; the others are for
+    /// operands. More pixels in the narrow blocks would need more addresses than there are registers.
     pub fn all<R: Real>(simd: Simd) -> impl Iterator<Item = Self> {
-        let (tiles, bytes): (&[_], _) = if simd.wide() {
+        let (blocks, bytes): (&[_], _) = if simd.wide() {
             (&[(14, 1, 1.3), (12, 2, 2.0), (8, 3, 3.1)], 64)
         } else {
             (&[(8, 1, 1.3), (6, 2, 2.0)], 32)
         };
         let lanes = bytes / size_of::<R>();
-        tiles.iter().map(move |&(pixels, vectors, cost)| Self { pixels, vectors, lanes, cost })
+        blocks.iter().map(move |&(pixels, vectors, cost)| Self { pixels, vectors, lanes, cost })
     }
 
     /// Channels of a panel.
@@ -75,30 +75,30 @@ impl Tile {
         self.vectors * self.lanes
     }
 
-    /// Does `task` with this tile.
-    pub fn run(self, simd: Simd, task: impl TileTask) {
-        struct Tiled<T>(Tile, T);
-        impl<K: TileTask> Task for Tiled<K> {
+    /// Does `task` with this block.
+    pub fn run(self, simd: Simd, task: impl RegisterBlockTask) {
+        struct Blocked<T>(RegisterBlock, T);
+        impl<K: RegisterBlockTask> Task for Blocked<K> {
             #[inline(always)]
-            fn run<T: Target>(self, target: T) {
-                let Self(tile, task) = self;
-                match (T::WIDE, tile.vectors) {
-                    (true, 1) => task.run::<T, 14, 1>(target),
-                    (true, 2) => task.run::<T, 12, 2>(target),
-                    (true, _) => task.run::<T, 8, 3>(target),
-                    (false, 1) => task.run::<T, 8, 1>(target),
-                    (false, _) => task.run::<T, 6, 2>(target),
+            fn run<T: SimdToken>(self, token: T) {
+                let Self(block, task) = self;
+                match (T::WIDE, block.vectors) {
+                    (true, 1) => task.run::<T, 14, 1>(token),
+                    (true, 2) => task.run::<T, 12, 2>(token),
+                    (true, _) => task.run::<T, 8, 3>(token),
+                    (false, 1) => task.run::<T, 8, 1>(token),
+                    (false, _) => task.run::<T, 6, 2>(token),
                 }
             }
         }
-        simd.run(Tiled(self, task));
+        simd.run(Blocked(self, task));
     }
 }
 
 /// Adds a product to `sums` [pixels][width], or writes it there if it is the `first` one.
 #[inline(always)]
-pub fn multiply<R: Real, T: Target, const PIXELS: usize, const VECTORS: usize>(
-    target: T,
+pub fn multiply<R: Real, T: SimdToken, const PIXELS: usize, const VECTORS: usize>(
+    token: T,
     product: &Product<'_, R>,
     first: bool,
     sums: &mut [R],
@@ -107,11 +107,11 @@ pub fn multiply<R: Real, T: Target, const PIXELS: usize, const VECTORS: usize>(
     let width = VECTORS * lanes;
     let pixels = product.pixels.as_chunks::<PIXELS>().0;
     for (pixels, sums) in pixels.iter().zip(sums.chunks_exact_mut(PIXELS * width)) {
-        let mut tile = [[R::Vector::<T>::splat(target, R::ZERO); VECTORS]; PIXELS];
+        let mut block = [[R::Vector::<T>::splat(token, R::ZERO); VECTORS]; PIXELS];
         if !first {
-            for (tile, sums) in tile.iter_mut().zip(sums.chunks_exact(width)) {
-                for (sum, sums) in tile.iter_mut().zip(sums.chunks_exact(lanes)) {
-                    *sum = R::Vector::<T>::load(target, sums);
+            for (block, sums) in block.iter_mut().zip(sums.chunks_exact(width)) {
+                for (sum, sums) in block.iter_mut().zip(sums.chunks_exact(lanes)) {
+                    *sum = R::Vector::<T>::load(token, sums);
                 }
             }
         }
@@ -124,17 +124,17 @@ pub fn multiply<R: Real, T: Target, const PIXELS: usize, const VECTORS: usize>(
                 std::array::from_fn(|i| &product.values[pixels[i] + segment.offset..][..segment.len]);
             for (k, weights) in panel.chunks_exact(width).enumerate() {
                 let weights: [R::Vector<T>; VECTORS] =
-                    std::array::from_fn(|i| R::Vector::<T>::load(target, &weights[i * lanes..]));
-                for (tile, values) in tile.iter_mut().zip(values) {
-                    let value = R::Vector::<T>::splat(target, values[k]);
-                    for (sum, &weight) in tile.iter_mut().zip(&weights) {
+                    std::array::from_fn(|i| R::Vector::<T>::load(token, &weights[i * lanes..]));
+                for (block, values) in block.iter_mut().zip(values) {
+                    let value = R::Vector::<T>::splat(token, values[k]);
+                    for (sum, &weight) in block.iter_mut().zip(&weights) {
                         *sum = sum.add_product(value, weight);
                     }
                 }
             }
         }
-        for (tile, sums) in tile.iter().zip(sums.chunks_exact_mut(width)) {
-            for (sum, sums) in tile.iter().zip(sums.chunks_exact_mut(lanes)) {
+        for (block, sums) in block.iter().zip(sums.chunks_exact_mut(width)) {
+            for (sum, sums) in block.iter().zip(sums.chunks_exact_mut(lanes)) {
                 sum.store(sums);
             }
         }
@@ -149,8 +149,8 @@ pub fn peak(simd: Simd) -> f64 {
     struct Probe;
     impl Task for Probe {
         #[inline(always)]
-        fn run<T: Target>(self, target: T) {
-            let [a, b] = black_box([0.5, 1.0]).map(|value| T::F32::splat(target, value));
+        fn run<T: SimdToken>(self, token: T) {
+            let [a, b] = black_box([0.5, 1.0]).map(|value| T::F32::splat(token, value));
             let mut sums = [a; SUMS];
             for _ in 0..STEPS {
                 sums = sums.map(|sum| sum.add_product(a, b));

@@ -1,6 +1,7 @@
 //! `inverse_response`: rendered pixel values, and the irradiance that they stand for (eq. 22).
 
-use super::{Real, TensorView, TensorViewMut, camera};
+use super::view::{TensorView, TensorViewMut};
+use super::{Real, calibration};
 use crate::sensor::Calibration;
 
 /// n channels of pixel values → the same n channels, then R⁻¹(y_i)/e_i.
@@ -8,14 +9,14 @@ pub fn run<R: Real>(
     exposures: &[f32],
     input: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,
-    calibration: &Calibration,
+    tables: &Calibration,
 ) {
     output.for_each_pixel(|t, y, x, result| {
         let (values, irradiance) = result.split_at_mut(exposures.len());
         values.copy_from_slice(input.pixel(t, y, x));
         for ((irradiance, &value), &exposure) in irradiance.iter_mut().zip(&*values).zip(exposures) {
             *irradiance =
-                camera::inverse_response(&calibration.inverse_response, value) / R::from_f32(exposure);
+                calibration::inverse_response(&tables.inverse_response, value) / R::from_f32(exposure);
         }
     });
 }

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::simd::{Simd, Target, Task, Vector};
+use super::simd::{Simd, SimdToken, Task, Vector};
 use crate::system::Trials;
 
 /// Trials are long above what starting threads costs, and so short that some go undisturbed where other programs run.
@@ -77,8 +77,8 @@ impl Task for Chains<'_> {
     // Code gets the features of the processor from the function that it is inlined into.
     #[allow(clippy::inline_always)]
     #[inline(always)]
-    fn run<T: Target>(self, target: T) {
-        let splat = |value| T::F32::splat(target, value);
+    fn run<T: SimdToken>(self, token: T) {
+        let splat = |value| T::F32::splat(token, value);
         let (x, y) = (splat(black_box(0.999)), splat(black_box(0.001)));
         let mut sums: [T::F32; ACCUMULATORS] = std::array::from_fn(|i| splat(i as f32));
         for _ in 0..self.turns {

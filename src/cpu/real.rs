@@ -7,7 +7,7 @@ use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
 use super::elementary;
-use super::simd::{Target, Vector};
+use super::simd::{SimdToken, Vector};
 
 /// A floating-point type that every kernel runs on: `f32`, the fallback, or `f64`, the oracle.
 pub trait Real:
@@ -31,7 +31,7 @@ pub trait Real:
     /// 1.
     const ONE: Self;
     /// Neighbouring numbers in a register.
-    type Vector<T: Target>: Vector<Self, T>;
+    type Vector<T: SimdToken>: Vector<Self, T>;
     /// "f32" or "f64".
     const NAME: &'static str;
 
@@ -81,7 +81,7 @@ macro_rules! implement_real {
         impl Real for $real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
-            type Vector<T: Target> = T::$vector;
+            type Vector<T: SimdToken> = T::$vector;
             const NAME: &'static str = stringify!($real);
 
             #[inline(always)]

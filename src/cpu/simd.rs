@@ -2,7 +2,7 @@
 //! processors.
 //!
 //! This is the one module with `unsafe` code: to use instructions that the processor lacks is undefined. So
-//! all of them need a [`Target`], or a vector that was made with one, and there is none but inside of
+//! all of them need a [`SimdToken`], or a vector that was made with one, and there is none but inside of
 //! [`Simd::run`], whose [`Simd`] was found to be [available](Simd::available). Loops that use no vectors
 //! explicitly gain too, where the compiler finds vectors in them.
 //!
@@ -29,7 +29,7 @@ enum Instructions {
 }
 
 /// Proof that code runs on a processor with certain instructions.
-pub trait Target: Copy {
+pub trait SimdToken: Copy {
     /// A vector of `f32`.
     type F32: Vector<f32, Self>;
     /// A vector of `f64`.
@@ -44,10 +44,10 @@ pub trait Vector<R, T>: Copy + Add<Output = Self> + Mul<Output = Self> {
     const LANES: usize;
 
     /// The same number everywhere.
-    fn splat(target: T, value: R) -> Self;
+    fn splat(token: T, value: R) -> Self;
 
     /// The first [`LANES`](Self::LANES) of these numbers.
-    fn load(target: T, values: &[R]) -> Self;
+    fn load(token: T, values: &[R]) -> Self;
 
     /// Writes all numbers to the first places.
     fn store(self, values: &mut [R]);
@@ -68,7 +68,7 @@ pub trait Vector<R, T>: Copy + Add<Output = Self> + Mul<Output = Self> {
 /// Something to do with vectors.
 pub trait Task {
     /// Does it. This function and what its loops call have to be `#[inline(always)]`.
-    fn run<T: Target>(self, target: T);
+    fn run<T: SimdToken>(self, token: T);
 }
 
 impl Simd {
@@ -138,7 +138,7 @@ mod baseline {
     use std::array::from_fn;
     use std::ops::{Add, Mul};
 
-    use super::{Target, Vector};
+    use super::{SimdToken, Vector};
 
     #[derive(Clone, Copy)]
     pub struct Baseline(());
@@ -149,7 +149,7 @@ mod baseline {
         }
     }
 
-    impl Target for Baseline {
+    impl SimdToken for Baseline {
         type F32 = Array<f32, 8>;
         type F64 = Array<f64, 4>;
         const WIDE: bool = false;
@@ -236,7 +236,7 @@ mod x86 {
     };
     use std::ops::{Add, Mul};
 
-    use super::{Target, Task, Vector};
+    use super::{SimdToken, Task, Vector};
 
     /// Made by [`run_avx2`] only, as are vectors with it.
     #[derive(Clone, Copy)]
@@ -256,13 +256,13 @@ mod x86 {
         task.run(Avx512(()));
     }
 
-    impl Target for Avx2 {
+    impl SimdToken for Avx2 {
         type F32 = F32x8;
         type F64 = F64x4;
         const WIDE: bool = false;
     }
 
-    impl Target for Avx512 {
+    impl SimdToken for Avx512 {
         type F32 = F32x16;
         type F64 = F64x8;
         const WIDE: bool = true;
@@ -295,24 +295,24 @@ mod x86 {
     }
 
     macro_rules! implement_vector {
-        ($target:ident: $vector:ident($register:ident) of $lanes:literal $real:ident,
+        ($token:ident: $vector:ident($register:ident) of $lanes:literal $real:ident,
          $splat:ident, $load:ident, $store:ident, $add:ident, $mul:ident, $add_product:ident,
          $unless_negative:ident) => {
             #[derive(Clone, Copy)]
             pub struct $vector($register);
 
-            // SAFETY: the instructions are there, as `$target` and each vector prove, and the slices are long
+            // SAFETY: the instructions are there, as `$token` and each vector prove, and the slices are long
             // enough.
-            impl Vector<$real, $target> for $vector {
+            impl Vector<$real, $token> for $vector {
                 const LANES: usize = $lanes;
 
                 #[inline(always)]
-                fn splat(_: $target, value: $real) -> Self {
+                fn splat(_: $token, value: $real) -> Self {
                     Self(unsafe { $splat(value) })
                 }
 
                 #[inline(always)]
-                fn load(_: $target, values: &[$real]) -> Self {
+                fn load(_: $token, values: &[$real]) -> Self {
                     let values = &values[..$lanes];
                     Self(unsafe { $load(values.as_ptr()) })
                 }

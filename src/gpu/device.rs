@@ -11,7 +11,7 @@ use super::pipelines::Pipelines;
 use super::variant::{Abilities, Variant};
 use super::{Adapter, AdapterChoice, GpuError, Results};
 
-/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`Formats::zeros_bytes`).
+/// Bytes that the executor may add to a slot: the zeros of one pixel of padding (`TensorFormats::zeros_bytes`).
 const MAX_ZEROS: u64 = 1 << 16;
 /// How often a device that is shared with a window is asked whether a window of frames is done.
 const GLANCE: Duration = Duration::from_micros(200);
@@ -79,7 +79,7 @@ impl Gpu {
     /// holds a lock of the device while it waits, which presenting a picture would wait for.
     #[must_use]
     pub fn shared(&self) -> Self {
-        Self { results: Some(Arc::default()), ..self.clone() }
+        Self { results: Some(Arc::new(Results::new(self.device.clone()))), ..self.clone() }
     }
 
     /// What executors have kept, if the GPU is [`Gpu::shared`].

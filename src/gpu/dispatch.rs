@@ -3,7 +3,7 @@
 use super::GpuError;
 use super::shader::table::{self, KernelShader};
 use super::shader::{Parameters, Shader, Value, specialise};
-use super::storage::{Format, Formats, LARGEST_F16};
+use super::storage::{LARGEST_F16, TensorFormat, TensorFormats};
 use super::variant::{Abilities, Extent, Variant};
 use super::weights::{Packing, Terms, pack, stored, weight_units};
 use crate::network::{Activation, Channel, ConvolutionStep, Direction, Feature, Kernel, Step, View};
@@ -36,7 +36,7 @@ impl Dispatch {
     /// if that is not to be chosen by its size.
     pub fn new(
         step: &Step,
-        formats: &Formats,
+        formats: &TensorFormats,
         calibration: &Calibration,
         abilities: Abilities,
         variant: Option<Variant>,
@@ -46,7 +46,7 @@ impl Dispatch {
         inputs.resize(kernel.inputs.len(), inputs[0]);
         let output_format = formats.of(&step.output);
         let convolution = step.kernel.convolution().is_some();
-        assert!(convolution || output_format == Format::F32, "only convolutions write f16");
+        assert!(convolution || output_format == TensorFormat::F32, "only convolutions write f16");
         let mut parameters = Parameters::default();
         set_calibration(&mut parameters, calibration);
         for (name, view) in kernel.inputs.iter().zip(&inputs).chain([(&"output", &step.output)]) {
@@ -145,12 +145,12 @@ fn fold(count: usize, max: u32) -> [u32; 2] {
 }
 
 /// The file that says how vectors of four channels are stored, and whether they are read 64 bits at a time.
-fn file(format: Format, wide: bool) -> &'static str {
+fn file(format: TensorFormat, wide: bool) -> &'static str {
     match (format, wide) {
-        (Format::F32, false) => "common/stored_f32.wgsl",
-        (Format::F32, true) => "common/stored_f32_wide.wgsl",
-        (Format::F16, false) => "common/stored_f16.wgsl",
-        (Format::F16, true) => "common/stored_f16_wide.wgsl",
+        (TensorFormat::F32, false) => "common/stored_f32.wgsl",
+        (TensorFormat::F32, true) => "common/stored_f32_wide.wgsl",
+        (TensorFormat::F16, false) => "common/stored_f16.wgsl",
+        (TensorFormat::F16, true) => "common/stored_f16_wide.wgsl",
     }
 }
 
@@ -167,7 +167,7 @@ fn set_view(
     parameters: &mut Parameters,
     name: &str,
     view: &View,
-    format: Format,
+    format: TensorFormat,
     slot_bytes: usize,
 ) -> Result<(), GpuError> {
     checked(name, slot_bytes / format.bytes())?;
@@ -238,12 +238,17 @@ fn set_division(
 }
 
 /// How a convolution's tensors are stored: those that are read, and the one that is written.
-fn set_formats(parameters: &mut Parameters, read: [(&str, Format); 3], output: Format, wide: bool) {
+fn set_formats(
+    parameters: &mut Parameters,
+    read: [(&str, TensorFormat); 3],
+    output: TensorFormat,
+    wide: bool,
+) {
     for (name, format) in read {
         parameters.include(name, file(format, wide));
     }
     parameters.include("output", file(output, false));
-    parameters.set("limited", output == Format::F16);
+    parameters.set("limited", output == TensorFormat::F16);
     parameters.set("limit", LARGEST_F16);
 }
 

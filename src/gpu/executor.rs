@@ -1,22 +1,24 @@
 //! Runs a plan on a GPU.
 
+mod arena;
 mod download;
 mod measure;
+mod options;
 mod record;
 mod timing;
 mod units;
 
 use std::collections::VecDeque;
-use std::path::Path;
 use std::time::Duration;
 
 use wgpu::BufferUsages;
 
+use self::arena::Arena;
 use self::download::Download;
-use self::record::{Buffers, Builder, Recorded, record};
-use super::storage::{Format, Formats};
+pub use self::options::{Edit, ExecutorOptions};
+use self::record::{BINDING_STRIDE, Buffers, Builder, Recorded, encode};
+use super::storage::TensorFormat;
 use super::tune::Tuning;
-use super::variant::Variant;
 use super::weights::loaded;
 use super::{Gpu, GpuError};
 use crate::network::{
@@ -25,9 +27,6 @@ use crate::network::{
 use crate::sensor::Calibration;
 use crate::{Error, Result};
 
-/// Bytes between what two steps have in one buffer: bindings may begin at any multiple of it on every adapter.
-const BINDING_STRIDE: u64 = 256;
-
 /// Runs one plan on a GPU.
 ///
 /// Pipelines, weights and slots are made once. A window is one command buffer: upload, all steps, and a copy of the
@@ -35,19 +34,13 @@ const BINDING_STRIDE: u64 = 256;
 /// the next window while the GPU computes this one.
 #[derive(Debug)]
 pub struct GpuExecutor {
-    gpu: Gpu,
     plan: Plan,
     precision: Precision,
-    formats: Formats,
-    slots: Vec<wgpu::Buffer>,
+    arena: Arena,
     /// All steps: those of a window by itself, then those of one that follows another one.
     steps: Vec<Recorded>,
     /// What f16 could not hold, by step.
     overflow: wgpu::Buffer,
-    /// The power of two in which each tensor is stored.
-    units: Vec<f32>,
-    /// How often a unit has changed: what a window leaves is of use only in the units that it was computed in.
-    rescalings: usize,
     /// Uniform buffer with the schedule time in the pattern's period.
     schedule: wgpu::Buffer,
     period: usize,
@@ -56,22 +49,6 @@ pub struct GpuExecutor {
     /// Buffers for results that nobody waits for.
     free: Vec<wgpu::Buffer>,
     in_flight: VecDeque<InFlight>,
-}
-
-/// Changes the specialised text of a step's shader.
-pub type Edit<'a> = &'a dyn Fn(&Step, &str) -> String;
-
-/// How a plan is run.
-#[derive(Clone, Copy, Default)]
-pub struct Options<'a> {
-    /// How feature channels and weights are stored.
-    pub precision: Precision,
-    /// How convolutions are divided among invocations, instead of what the executor chooses.
-    pub variant: Option<Variant>,
-    /// Folder in which measured variants are kept; without one, nothing is measured.
-    pub tuned_in: Option<&'a Path>,
-    /// What is compiled instead of a step's specialised shader, such as a shader that is broken on purpose.
-    pub edit: Option<Edit<'a>>,
 }
 
 /// A window that the GPU works on.
@@ -99,7 +76,7 @@ impl GpuExecutor {
 
     /// Prepares to run `plan` at f32 on what the calibrated camera measured.
     pub fn new(gpu: &Gpu, plan: Plan, calibration: &Calibration) -> Result<Self, GpuError> {
-        Self::with_options(gpu, plan, calibration, &Options::default())
+        Self::with_options(gpu, plan, calibration, &ExecutorOptions::default())
     }
 
     /// As [`GpuExecutor::new`], with options.
@@ -107,45 +84,34 @@ impl GpuExecutor {
         gpu: &Gpu,
         plan: Plan,
         calibration: &Calibration,
-        options: &Options<'_>,
+        options: &ExecutorOptions<'_>,
     ) -> Result<Self, GpuError> {
         if let Some(variant) = options.variant.filter(|&variant| !gpu.supports(variant)) {
             return Err(GpuError::Failed(format!("{} cannot run {variant:?}", gpu.name())));
         }
-        let formats = Formats::new(&plan, options.precision);
-        // Padding is read from zeros behind each slot's values, which nothing writes.
-        let mut zeros = vec![0; plan.slots.len()];
-        for step in plan.all_steps() {
-            let slot = step.inputs[0].slot;
-            zeros[slot] = Formats::zeros_bytes(step).max(zeros[slot]);
-        }
+        let arena = Arena::new(gpu, &plan, options.precision)?;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-        let slots = formats.slot_bytes.iter().zip(zeros).enumerate().map(|(index, (&bytes, zeros))| {
-            gpu.buffer(&format!("slot {index} of '{}'", plan.name), (bytes + zeros).max(16) as u64, usage)
-        });
-        let slots = slots.collect::<Result<Vec<_>, _>>()?;
         let reports = plan.all_steps().count().max(1) as u64 * BINDING_STRIDE;
         let overflow = gpu.buffer("reports of overflow", reports, usage)?;
         let schedule = gpu.buffer("schedule", 16, BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
-        let buffers = Buffers { slots: &slots, schedule: &schedule, overflow: &overflow };
-        let builder = Builder::new(gpu, &plan, &formats, buffers, calibration)?;
+        let buffers = Buffers { slots: &arena.slots, schedule: &schedule, overflow: &overflow };
+        let builder = Builder::new(gpu, &plan, &arena.formats, buffers, calibration)?;
         let mut tuning = options.tuned_in.and_then(|folder| Tuning::open(gpu, folder));
         let steps = plan
             .all_steps()
             .enumerate()
-            .map(|(index, step)| builder.record(index, step, options, tuning.as_mut()))
-            .collect::<Result<Vec<_>, _>>()?;
+            .map(|(index, step)| {
+                let variant = measure::variant(&builder, index, step, options, tuning.as_mut())?;
+                builder.record(index, step, variant, options.edit)
+            })
+            .collect::<Result<Vec<_>, GpuError>>()?;
         if let Some(tuning) = tuning {
             tuning.save();
         }
         gpu.check()?;
         Ok(Self {
-            gpu: gpu.clone(),
             precision: options.precision,
-            units: vec![1.0; plan.tensors.len()],
-            rescalings: 0,
-            formats,
-            slots,
+            arena,
             steps,
             overflow,
             schedule,
@@ -166,22 +132,27 @@ impl GpuExecutor {
         follows: bool,
     ) -> Result<InFlight> {
         self.upload(measurement, schedule)?;
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder =
+            self.arena.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.overflow, 0, None);
         self.encode_window(left, follows, &mut encoder);
         let view = self.plan.result;
         let reports = self.overflow.size();
-        if let Some(results) = self.gpu.results() {
+        if let Some(results) = self.arena.gpu.results() {
             let first = schedule + self.plan.window.lead as i64;
-            results.keep(&self.gpu, (&self.slots[view.slot], &view), first, &mut encoder);
+            let kept = (&self.arena.slots[view.slot], &view);
+            results.keep(kept, first, &mut encoder, |bytes, usage| {
+                self.arena.gpu.buffer("kept result", bytes, usage)
+            });
         }
         let buffer = match self.free.pop() {
             Some(buffer) => buffer,
-            None => self.staging(&view, reports)?,
+            None => self.arena.staging(&view, reports)?,
         };
         encoder.copy_buffer_to_buffer(&self.overflow, 0, &buffer, buffer.size() - reports, reports);
-        let (download, submission) = self.download(view, buffer, encoder);
-        let limited = self.plan.all_steps().any(|step| self.formats.of(&step.output) == Format::F16);
+        let (download, submission) = self.arena.download(view, buffer, encoder);
+        let limited =
+            self.plan.all_steps().any(|step| self.arena.formats.of(&step.output) == TensorFormat::F16);
         let window = limited.then(|| (self.upload.clone(), schedule));
         let follows = left.filter(|_| follows).map(|left| left.rescalings);
         Ok(InFlight { download, submission, window, follows })
@@ -195,15 +166,16 @@ impl GpuExecutor {
         submission: wgpu::SubmissionIndex,
         result: &mut [f32],
     ) -> Result<Option<(usize, f32)>> {
-        self.gpu.wait(submission)?;
+        self.arena.gpu.wait(submission)?;
         let mut overflow = None;
-        download.read(&self.gpu, |values, reports| {
+        download.read(&self.arena.gpu, |values, reports| {
             for (result, value) in result.iter_mut().zip(values) {
                 // Only a net whose weights overflow gets here with anything else than a finite number.
                 *result = if value.is_finite() { value } else { 0.0 };
             }
-            let magnitudes =
-                reports.chunks(BINDING_STRIDE as usize).map(|report| loaded(&report[..4], Format::F32)[0]);
+            let magnitudes = reports
+                .chunks(BINDING_STRIDE as usize)
+                .map(|report| loaded(&report[..4], TensorFormat::F32)[0]);
             overflow = magnitudes.enumerate().find(|(_, magnitude)| *magnitude != 0.0);
         })?;
         self.free.push(download.buffer);
@@ -214,13 +186,13 @@ impl GpuExecutor {
     fn upload(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
         let View { slot, offset, shape, .. } = self.plan.measurement;
         check_len("the measurement", measurement.len(), shape.len())?;
-        self.gpu.check()?;
+        self.arena.gpu.check()?;
         self.upload.clear();
         self.upload.extend(measurement.iter().map(|&y| if y.is_finite() { y.clamp(0.0, 1.0) } else { 0.0 }));
-        let queue = &self.gpu.queue;
+        let queue = &self.arena.gpu.queue;
         queue.write_buffer(
-            &self.slots[slot],
-            (offset * Format::F32.bytes()) as u64,
+            &self.arena.slots[slot],
+            (offset * TensorFormat::F32.bytes()) as u64,
             bytemuck::cast_slice(&self.upload),
         );
         let phase = schedule.rem_euclid(self.period as i64) as u32;
@@ -237,14 +209,14 @@ impl GpuExecutor {
     /// Records a window, and around its steps the copies of what windows leave for each other.
     fn encode_window(&self, left: Option<&Left>, follows: bool, encoder: &mut wgpu::CommandEncoder) {
         let steps = self.steps(follows);
-        let Some(left) = left else { return Self::encode(steps, encoder) };
+        let Some(left) = left else { return encode(steps, encoder) };
         let Plan { runs, following, carries, tensors, .. } = &self.plan;
         let runs = following.as_ref().filter(|_| follows).map_or(runs, |following| &following.runs);
         // A pass ends where something has to be copied.
         let (mut begin, mut end) = (0, 0);
         let pass = |begin: &mut usize, end: usize, encoder: &mut wgpu::CommandEncoder| {
             if *begin < end {
-                Self::encode(&steps[*begin..end], encoder);
+                encode(&steps[*begin..end], encoder);
             }
             *begin = end;
         };
@@ -252,31 +224,40 @@ impl GpuExecutor {
             for &index in run.restores.iter().filter(|_| follows) {
                 pass(&mut begin, end, encoder);
                 let Carry { tensor, wanted, .. } = &carries[index];
-                let (buffer, slot) = (&left.buffers[index], &self.slots[tensors[tensor.0].slot]);
-                let at = (wanted.start * self.formats.of_tensor(*tensor).bytes()) as u64;
+                let (buffer, slot) = (&left.buffers[index], &self.arena.slots[tensors[tensor.0].slot]);
+                let at = (wanted.start * self.arena.formats.of_tensor(*tensor).bytes()) as u64;
                 encoder.copy_buffer_to_buffer(buffer, 0, slot, at, buffer.size());
             }
             end = run.pieces.last().map_or(end, |steps| steps.end);
             for &index in &run.saves {
                 pass(&mut begin, end, encoder);
                 let Carry { tensor, written, .. } = &carries[index];
-                let (buffer, slot) = (&left.buffers[index], &self.slots[tensors[tensor.0].slot]);
-                let at = (written.start * self.formats.of_tensor(*tensor).bytes()) as u64;
+                let (buffer, slot) = (&left.buffers[index], &self.arena.slots[tensors[tensor.0].slot]);
+                let at = (written.start * self.arena.formats.of_tensor(*tensor).bytes()) as u64;
                 encoder.copy_buffer_to_buffer(slot, at, buffer, 0, buffer.size());
             }
         }
         pass(&mut begin, end, encoder);
     }
 
-    fn encode(steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
-        record(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), steps);
+    /// The steps of most windows.
+    fn usual_steps(&self) -> &[Recorded] {
+        self.steps(self.plan.following.is_some())
+    }
+
+    /// Uploads a measurement and waits until it is there.
+    fn arrive(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
+        self.upload(measurement, schedule)?;
+        let submission = self.arena.gpu.queue.submit([]);
+        Ok(self.arena.gpu.wait(submission)?)
     }
 
     /// Runs one step.
     fn step(&self, index: usize) {
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        Self::encode(&self.steps[index..=index], &mut encoder);
-        self.gpu.queue.submit([encoder.finish()]);
+        let mut encoder =
+            self.arena.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encode(&self.steps[index..=index], &mut encoder);
+        self.arena.gpu.queue.submit([encoder.finish()]);
     }
 }
 
@@ -288,11 +269,11 @@ impl Executor for GpuExecutor {
     fn state(&self) -> Result<State> {
         let usage = BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
         let buffer = |Carry { tensor, written, .. }: &Carry| {
-            let bytes = (written.len() * self.formats.of_tensor(*tensor).bytes()) as u64;
-            self.gpu.buffer("what a window leaves", bytes, usage)
+            let bytes = (written.len() * self.arena.formats.of_tensor(*tensor).bytes()) as u64;
+            self.arena.gpu.buffer("what a window leaves", bytes, usage)
         };
         let buffers = self.plan.carries.iter().map(buffer).collect::<Result<_, _>>()?;
-        Ok(State::new(Left { buffers, rescalings: self.rescalings }))
+        Ok(State::new(Left { buffers, rescalings: self.arena.units.rescalings }))
     }
 
     /// Returns while the GPU works.
@@ -310,8 +291,9 @@ impl Executor for GpuExecutor {
             if known.buffers.len() != self.plan.carries.len() {
                 return Err(Error::Misuse("a state of another plan".into()));
             }
-            follows = is_next && self.plan.following.is_some() && known.rescalings == self.rescalings;
-            known.rescalings = self.rescalings;
+            follows =
+                is_next && self.plan.following.is_some() && known.rescalings == self.arena.units.rescalings;
+            known.rescalings = self.arena.units.rescalings;
             left = Some(&*known);
         }
         let window = self.start(measurement, schedule, left, follows)?;
@@ -328,9 +310,12 @@ impl Executor for GpuExecutor {
         let mut overflow = self.finish(download, submission, result)?;
         let Some((measurement, schedule)) = &window else { return Ok(()) };
         // What it took over may be what f16 could not hold, if that came to light behind its submission.
-        let mut spoiled = follows.is_some_and(|rescalings| rescalings != self.rescalings);
+        let mut spoiled = follows.is_some_and(|rescalings| rescalings != self.arena.units.rescalings);
         while overflow.is_some() || spoiled {
-            overflow.map_or(Ok(()), |overflowed| self.make_room(overflowed))?;
+            if let Some(overflowed) = overflow {
+                let Arena { gpu, units, .. } = &mut self.arena;
+                units.make_room(gpu, &self.plan, &self.steps, overflowed)?;
+            }
             spoiled = false;
             let again = self.start(measurement, *schedule, None, false)?;
             overflow = self.finish(again.download, again.submission, result)?;
@@ -347,7 +332,7 @@ impl Executor for GpuExecutor {
     }
 
     fn describe(&self) -> String {
-        format!("{}, {}", self.gpu.name(), self.precision.name())
+        format!("{}, {}", self.arena.gpu.name(), self.precision.name())
     }
 }
 
@@ -362,24 +347,26 @@ impl Inspect for GpuExecutor {
         for (index, step) in self.plan.steps.iter().enumerate() {
             self.step(index);
             // A step does not write what it reads, so the inputs are still there.
-            let inputs = step.inputs.iter().map(|view| self.tensor(view)).collect::<Result<Vec<_>, _>>()?;
-            visit(step, &inputs, &self.tensor(&step.output)?);
+            let inputs =
+                step.inputs.iter().map(|view| self.arena.tensor(view)).collect::<Result<Vec<_>, _>>()?;
+            visit(step, &inputs, &self.arena.tensor(&step.output)?);
         }
         Ok(())
     }
 
     fn time_windows(&mut self, measurement: &[f32], schedule: i64, windows: usize) -> Result<WindowTime> {
         self.arrive(measurement, schedule)?;
-        Ok(self.time_passes(windows)?)
+        Ok(timing::time_windows(&self.arena.gpu, self.usual_steps(), windows)?)
     }
 
     fn time_steps(&mut self, measurement: &[f32], schedule: i64) -> Result<Vec<Duration>> {
         self.arrive(measurement, schedule)?;
-        Ok(self.time_each()?)
+        Ok(timing::time_steps(&self.arena.gpu, self.usual_steps())?)
     }
 
     fn rescaled(&self) -> Vec<(String, f32)> {
-        let units = self.plan.steps.iter().map(|step| (step.name.clone(), self.units[step.output.tensor.0]));
+        let unit = |step: &Step| self.arena.units.of(step.output.tensor);
+        let units = self.plan.steps.iter().map(|step| (step.name.clone(), unit(step)));
         units.filter(|(_, unit)| *unit > 1.0).collect()
     }
 }

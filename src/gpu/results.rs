@@ -5,15 +5,18 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use wgpu::{BufferUsages, CommandEncoder};
 
-use super::Gpu;
+use super::GpuError;
 use crate::network::View;
 
 /// The last results of the executors of a [shared](Gpu::shared) GPU, until they are taken.
 ///
 /// A window's result is copied into a buffer of its own, on the GPU. Whoever takes a frame shares that buffer; it goes
 /// with the last frame of the window.
-#[derive(Debug, Default)]
-pub struct Results(Mutex<Inner>);
+#[derive(Debug)]
+pub struct Results {
+    device: wgpu::Device,
+    inner: Mutex<Inner>,
+}
 
 #[derive(Debug, Default)]
 struct Inner {
@@ -29,7 +32,6 @@ struct Kept {
     frames: usize,
     extent: [usize; 2],
     buffer: wgpu::Buffer,
-    device: wgpu::Device,
 }
 
 /// A result frame on the GPU: irradiance p, f32.
@@ -46,8 +48,13 @@ pub struct DeviceFrame {
 }
 
 impl Results {
+    /// None yet; they will be on `device`.
+    pub(super) fn new(device: wgpu::Device) -> Self {
+        Self { device, inner: Mutex::default() }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// A run begins, of which results are `wanted`: every window has to be the whole of its frames then, and be taken
@@ -63,24 +70,25 @@ impl Results {
         while inner.windows.front().is_some_and(|kept| end(kept) <= t) {
             inner.windows.pop_front();
         }
-        let Kept { first, extent: [height, width], buffer, device, .. } = inner.windows.front()?;
+        let Kept { first, extent: [height, width], buffer, .. } = inner.windows.front()?;
         let number = usize::try_from(t - first).ok()?;
         Some(DeviceFrame {
             buffer: buffer.clone(),
-            device: device.clone(),
+            device: self.device.clone(),
             offset: number * height * width,
             row: *width,
         })
     }
 
-    /// Records a copy of the result that `view` shows in `slot`, whose first frame is that of schedule time `first`. A window
-    /// that is computed again takes the place of what it was; values that do not lie side by side are not kept.
+    /// Records a copy of the result that `view` shows in `slot`, whose first frame is that of schedule time `first`, into what
+    /// `allocate` gives for so many bytes. A window that is computed again takes the place of what it was; values that do not
+    /// lie side by side are not kept.
     pub(super) fn keep(
         &self,
-        gpu: &Gpu,
         (slot, view): (&wgpu::Buffer, &View),
         first: i64,
         encoder: &mut CommandEncoder,
+        allocate: impl FnOnce(u64, BufferUsages) -> Result<wgpu::Buffer, GpuError>,
     ) {
         let mut inner = self.lock();
         if !inner.wanted || view.stride != 1 {
@@ -88,12 +96,10 @@ impl Results {
         }
         let [frames, height, width] = view.shape.extent();
         let bytes = (4 * frames * height * width) as u64;
-        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        match gpu.buffer("kept result", bytes, usage) {
+        match allocate(bytes, BufferUsages::STORAGE | BufferUsages::COPY_DST) {
             Ok(buffer) => {
                 encoder.copy_buffer_to_buffer(slot, (4 * view.offset) as u64, &buffer, 0, bytes);
-                let (extent, device) = ([height, width], gpu.device.clone());
-                let kept = Kept { first, frames, extent, buffer, device };
+                let kept = Kept { first, frames, extent: [height, width], buffer };
                 match inner.windows.iter_mut().find(|known| known.first == first) {
                     Some(known) => *known = kept,
                     None => inner.windows.push_back(kept),

@@ -15,14 +15,14 @@ pub(super) const LARGEST_F16: f32 = 65504.0;
 
 /// How a vector of four feature channels is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum TensorFormat {
     /// Four f32.
     F32,
     /// Four f16.
     F16,
 }
 
-impl Format {
+impl TensorFormat {
     /// What feature channels and weights are stored in.
     pub fn of(precision: Precision) -> Self {
         match precision {
@@ -42,20 +42,20 @@ impl Format {
 
 /// How all tensors of a plan are stored.
 #[derive(Debug)]
-pub struct Formats {
+pub struct TensorFormats {
     /// By tensor.
-    tensors: Vec<Format>,
+    tensors: Vec<TensorFormat>,
     /// Of weights.
-    pub weights: Format,
+    pub weights: TensorFormat,
     /// Bytes of the values of each slot, a multiple of 16.
     pub slot_bytes: Vec<usize>,
 }
 
-impl Formats {
+impl TensorFormats {
     /// Decides the format of each tensor of `plan`.
     pub fn new(plan: &Plan, precision: Precision) -> Self {
-        let weights = Format::of(precision);
-        let format = |full_precision| if full_precision { Format::F32 } else { weights };
+        let weights = TensorFormat::of(precision);
+        let format = |full_precision| if full_precision { TensorFormat::F32 } else { weights };
         let tensors: Vec<_> = plan.tensors.iter().map(|tensor| format(tensor.full_precision)).collect();
         let mut slot_bytes = vec![0; plan.slots.len()];
         for (tensor, format) in plan.tensors.iter().zip(&tensors) {
@@ -64,18 +64,18 @@ impl Formats {
         }
         // A slot of no tensor is still bound.
         for (bytes, &len) in slot_bytes.iter_mut().zip(&plan.slots).filter(|(bytes, _)| **bytes == 0) {
-            *bytes = (len * Format::F32.bytes()).next_multiple_of(16);
+            *bytes = (len * TensorFormat::F32.bytes()).next_multiple_of(16);
         }
         Self { tensors, weights, slot_bytes }
     }
 
     /// The format of the tensor that `view` shows.
-    pub fn of(&self, view: &View) -> Format {
+    pub fn of(&self, view: &View) -> TensorFormat {
         self.of_tensor(view.tensor)
     }
 
     /// The format of a tensor.
-    pub fn of_tensor(&self, TensorId(tensor): TensorId) -> Format {
+    pub fn of_tensor(&self, TensorId(tensor): TensorId) -> TensorFormat {
         self.tensors[tensor]
     }
 
@@ -83,6 +83,6 @@ impl Formats {
     /// padding.
     pub fn zeros_bytes(step: &Step) -> usize {
         let convolution = step.kernel.convolution();
-        convolution.map_or(0, |conv| conv.in_channels.next_multiple_of(4) * Format::F32.bytes())
+        convolution.map_or(0, |conv| conv.in_channels.next_multiple_of(4) * TensorFormat::F32.bytes())
     }
 }

@@ -2,7 +2,7 @@
 
 use half::f16;
 
-use super::storage::Format;
+use super::storage::TensorFormat;
 use crate::network::ConvolutionStep;
 
 /// Layout of a layer's weights: [tap][four input channels][load][group][lane] of four output channels. Row n of a
@@ -39,10 +39,10 @@ const LARGEST_EXPONENT: i32 = 14;
 
 /// The power of two in which the weights to each output channel are stored, so that `format` can hold them: the largest
 /// of them is about 2¹⁴ at f16. The epilogue multiplies by it.
-pub(super) fn weight_units(step: &ConvolutionStep, format: Format) -> Vec<f32> {
+pub(super) fn weight_units(step: &ConvolutionStep, format: TensorFormat) -> Vec<f32> {
     match format {
-        Format::F32 => vec![1.0; step.out_channels],
-        Format::F16 => step.largest_weights().into_iter().map(unit_of).collect(),
+        TensorFormat::F32 => vec![1.0; step.out_channels],
+        TensorFormat::F16 => step.largest_weights().into_iter().map(unit_of).collect(),
     }
 }
 
@@ -104,18 +104,18 @@ impl Terms {
 }
 
 /// Values as they are stored.
-pub(super) fn stored(values: &[f32], format: Format) -> Vec<u8> {
+pub(super) fn stored(values: &[f32], format: TensorFormat) -> Vec<u8> {
     match format {
-        Format::F32 => bytemuck::cast_slice(values).to_vec(),
-        Format::F16 => values.iter().flat_map(|&value| f16::from_f32(value).to_ne_bytes()).collect(),
+        TensorFormat::F32 => bytemuck::cast_slice(values).to_vec(),
+        TensorFormat::F16 => values.iter().flat_map(|&value| f16::from_f32(value).to_ne_bytes()).collect(),
     }
 }
 
 /// Stored bytes as values.
-pub(super) fn loaded(bytes: &[u8], format: Format) -> Vec<f32> {
+pub(super) fn loaded(bytes: &[u8], format: TensorFormat) -> Vec<f32> {
     match format {
-        Format::F32 => bytemuck::pod_collect_to_vec(bytes),
-        Format::F16 => {
+        TensorFormat::F32 => bytemuck::pod_collect_to_vec(bytes),
+        TensorFormat::F16 => {
             bytes.chunks_exact(2).map(|pair| f16::from_ne_bytes([pair[0], pair[1]]).to_f32()).collect()
         }
     }
@@ -169,8 +169,8 @@ mod tests {
             // To two channels, from two channels, one tap of two: [out, in, tap].
             let weight = vec![a, -a / 3.0, a / 777.0, 0.0, -b, b / 3.0, b / 777.0, 0.0];
             let step = step(2, 2, weight.clone());
-            let units = weight_units(&step, Format::F16);
-            let packed = loaded(&stored(&pack(&step, packing, &units), Format::F16), Format::F16);
+            let units = weight_units(&step, TensorFormat::F16);
+            let packed = loaded(&stored(&pack(&step, packing, &units), TensorFormat::F16), TensorFormat::F16);
             for (index, weight) in weight.into_iter().enumerate() {
                 let [i, o, tap] = step.place_of(index);
                 let back = f64::from(packed[16 * tap + 4 * i + o]) * f64::from(units[o]);
@@ -178,7 +178,7 @@ mod tests {
                 assert!(error <= f64::from(weight.abs()) / 2048.0, "{back:e} for {weight:e}");
             }
         }
-        assert_eq!(weight_units(&step(1, 1, vec![0.0; 2]), Format::F16), [1.0]);
+        assert_eq!(weight_units(&step(1, 1, vec![0.0; 2]), TensorFormat::F16), [1.0]);
     }
 
     /// Every weight is where a lane of its group loads it, by the formula in the shader.
@@ -205,8 +205,10 @@ mod tests {
     #[test]
     fn halves_come_back_rounded() {
         let values = [0.0, 1.0, -65504.0, 1.0 / 3.0, 6.1e-5];
-        assert_eq!(loaded(&stored(&values, Format::F32), Format::F32), values);
-        for (rounded, value) in loaded(&stored(&values, Format::F16), Format::F16).into_iter().zip(values) {
+        assert_eq!(loaded(&stored(&values, TensorFormat::F32), TensorFormat::F32), values);
+        for (rounded, value) in
+            loaded(&stored(&values, TensorFormat::F16), TensorFormat::F16).into_iter().zip(values)
+        {
             assert!((rounded - value).abs() <= value.abs() / 2048.0, "{rounded} for {value}");
         }
     }

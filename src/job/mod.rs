@@ -2,9 +2,9 @@
 //!
 //! [`Sink`] says what takes result frames; sinks are put together as tuples. [`Resumable`] writes a video that can be gone
 //! on with, as [`Fingerprint`](crate::fingerprint::Fingerprint) allows; [`Sheet`] collects a contact sheet, [`Truth`]
-//! compares, [`Memory`] keeps all frames. Nothing here prints: warnings and failures are values.
+//! compares, [`InMemory`] keeps all frames. Nothing here prints: warnings and failures are values.
 
-mod memory;
+mod in_memory;
 mod resumable;
 mod run;
 mod sheet;
@@ -17,7 +17,7 @@ mod warning;
 
 pub use crate::fingerprint::{Fingerprint, Fingerprinted};
 pub use crate::synth::Settings;
-pub use memory::Memory;
+pub use in_memory::InMemory;
 pub use resumable::{Begin, Resumable, ResumeError};
 pub use run::{Job, Outcome, Unfinished};
 pub use sheet::{Sheet, contact_sheet, shown_frames};

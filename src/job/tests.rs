@@ -42,14 +42,14 @@ fn whole(capture: &Capture) -> Video {
 #[test]
 fn sinks_are_put_together() {
     let capture = capture();
-    let memory = Memory::new(capture.frames, capture.recording().extent());
+    let memory = InMemory::new(capture.frames, capture.recording().extent());
     let (mut numbers, mut told) = (Vec::new(), 0);
     let each = Each(|result: &crate::synth::ResultFrame| {
         assert_eq!(result.frame.time(), result.number as i64);
         numbers.push(result.number);
         Ok(())
     });
-    let sinks = (memory, None::<Memory>, each);
+    let sinks = (memory, None::<InMemory>, each);
     let outcome = job(capture.frames(), settings()).run(sinks, |done| told = done).unwrap();
     let (video, nothing, ()) = outcome.output;
     assert!(video == whole(&capture) && nothing.is_none());

@@ -16,7 +16,7 @@ pub enum Kernel {
         /// Channels per pixel.
         channels: Vec<Channel>,
         /// Block that is folded.
-        block: Block,
+        block: Fold,
         /// Frames of the log irradiance before the first block.
         lead: usize,
     },
@@ -32,7 +32,7 @@ pub enum Kernel {
     /// Predicted kernels: weights and residual, log irradiance, estimate → radiance.
     Blend {
         /// Block that is unfolded.
-        block: Block,
+        block: Fold,
         /// Offsets t, y, x of the pixels that the weights are for. Those outside of the log irradiance do not count.
         taps: Arc<[Tap]>,
         /// Frame and row of the log irradiance at which the result begins.
@@ -220,8 +220,8 @@ pub struct Layer {
     pub norm: Option<(Vec<f32>, Vec<f32>)>,
 }
 
-/// Extents of a block that is folded into channels: frames, rows, columns.
-pub type Block = [usize; 3];
+/// Frames, rows and columns whose pixels are folded into channels (space to depth).
+pub type Fold = [usize; 3];
 
 /// An offset in frames, rows and columns.
 pub type Tap = [i32; 3];

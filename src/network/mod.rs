@@ -24,7 +24,7 @@ pub(crate) use executor::check_len;
 pub use executor::{Executor, Inspect, Precision, WindowTime};
 pub use graph::{Graph, Node, Window};
 pub use kernel::{
-    Activation, Block, Channel, Convolution, ConvolutionStep, Direction, Feature, Kernel, Layer, Tap,
+    Activation, Channel, Convolution, ConvolutionStep, Direction, Feature, Fold, Kernel, Layer, Tap,
 };
 pub use model::{Model, Trained};
 pub use op::{Blend, Conv3d, ConvTranspose3d, Features, InverseResponse, Op};

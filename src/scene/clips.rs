@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use super::panorama::{Camera, Flicker, Motion, Mover, Panorama, PanoramaScene};
+use super::panorama::{Flicker, Motion, Mover, Panorama, PanoramaScene, Pinhole};
 
 /// How fast the image moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -188,12 +188,12 @@ impl Draw {
     }
 
     /// A camera that looks anywhere but straight up or down, any side up.
-    fn camera(&mut self, size: Vec2, field_of_view: [f32; 2]) -> Camera {
+    fn camera(&mut self, size: Vec2, field_of_view: [f32; 2]) -> Pinhole {
         let yaw = self.within(0.0, TAU);
         let pitch = self.within(-0.9, 0.9);
         let roll = FRAC_PI_2 * self.0.random_range(0..4) as f32 + self.within(-0.2, 0.2);
         let angle = self.within(field_of_view[0], field_of_view[1]).to_radians();
-        Camera {
+        Pinhole {
             orientation: Quat::from_euler(EulerRot::YXZ, yaw, pitch, roll),
             focal: 0.5 * size.max_element() / (0.5 * angle).tan(),
             centre: 0.5 * size,

@@ -9,7 +9,7 @@ use glam::Vec2;
 
 pub(crate) use clips::Draw;
 pub use clips::{Moves, Speed, suite_clip, training_clip};
-pub use panorama::{Camera, Flicker, Motion, Mover, Panorama, PanoramaScene};
+pub use panorama::{Flicker, Motion, Mover, Panorama, PanoramaScene, Pinhole};
 pub use render::{Rendering, render};
 
 /// A scene that can be looked at at any instant.

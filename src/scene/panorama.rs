@@ -92,7 +92,7 @@ fn atan2(y: f32, x: f32) -> f32 {
 
 /// A pinhole camera inside a panorama.
 #[derive(Clone, Copy, Debug)]
-pub struct Camera {
+pub struct Pinhole {
     /// Orientation at time 0: camera axes (x right, y up, −z forward) to panorama axes.
     pub orientation: Quat,
     /// Focal length in pixels.
@@ -134,7 +134,7 @@ pub struct Mover {
     /// Exponent of its superellipse: 2 an ellipse, 8 nearly a rectangle, 1 a rhombus.
     pub exponent: f32,
     /// Camera that sees its texture.
-    pub texture: Camera,
+    pub texture: Pinhole,
     /// Panorama of its texture.
     pub panorama: Arc<Panorama>,
     /// Factor on its texture.
@@ -164,7 +164,7 @@ pub struct PanoramaScene {
     /// What the camera sees.
     pub panorama: Arc<Panorama>,
     /// The camera at time 0.
-    pub camera: Camera,
+    pub camera: Pinhole,
     /// How the image moves.
     pub motion: Motion,
     /// Objects, the nearest first.
@@ -175,7 +175,7 @@ pub struct PanoramaScene {
     pub mover_flicker: Flicker,
 }
 
-impl Camera {
+impl Pinhole {
     /// Matrix from image position relative to the centre (x right, y down, and the focal length) to a direction
     /// in the panorama, for an image that has moved by `shift` px and turned by `angle`.
     fn rays(&self, shift: Vec2, angle: f32) -> Mat3 {
@@ -237,7 +237,7 @@ mod tests {
     #[test]
     fn image_speed_is_as_asked() {
         let camera =
-            Camera { orientation: Quat::from_rotation_y(0.7), focal: 150.0, centre: Vec2::splat(64.0) };
+            Pinhole { orientation: Quat::from_rotation_y(0.7), focal: 150.0, centre: Vec2::splat(64.0) };
         for velocity in [Vec2::new(2.0, 0.0), Vec2::new(0.0, -1.5), Vec2::new(0.3, 0.4)] {
             let ray = camera.rays(Vec2::ZERO, 0.0) * Vec2::ZERO.extend(camera.focal);
             // Where the point on the axis at time 0 is seen at time 1.

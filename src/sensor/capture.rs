@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Calibration, CaptureInfo, Pattern, Recording, Response, ResponseSource, SensorError};
+use super::{Calibration, CaptureInfo, Pattern, Recording, Response, ResponseSpec, SensorError};
 use crate::Result;
 use crate::video::npy::write_counts;
 use crate::video::{Counts, Video, atomic};
@@ -71,7 +71,7 @@ impl Capture {
     pub(super) fn write_description(&self, json: &Path) -> Result<()> {
         // A response from a file travels inside, so that the capture is complete.
         let info =
-            CaptureInfo { response: ResponseSource::Form(self.response.form().clone()), ..self.info.clone() };
+            CaptureInfo { response: ResponseSpec::Form(self.response.form().clone()), ..self.info.clone() };
         let mut text =
             serde_json::to_string_pretty(&info).map_err(|e| SensorError::Capture(e.to_string()))?;
         text.push('\n');

@@ -25,7 +25,7 @@ pub enum Timing {
 #[serde(deny_unknown_fields)]
 pub struct CaptureInfo {
     /// When each pixel integrates.
-    pub pattern: PatternSource,
+    pub pattern: PatternSpec,
     /// What each frame holds.
     #[serde(default = "covering")]
     pub timing: Timing,
@@ -44,7 +44,7 @@ pub struct CaptureInfo {
     pub frame_period_ms: f64,
     /// Response curve.
     #[serde(default = "linear")]
-    pub response: ResponseSource,
+    pub response: ResponseSpec,
     /// Electrons at y = 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub full_well_e: Option<f64>,
@@ -109,21 +109,21 @@ fn covering() -> Timing {
 fn one() -> f64 {
     1.0
 }
-fn linear() -> ResponseSource {
-    ResponseSource::Form(Form::Linear)
+fn linear() -> ResponseSpec {
+    ResponseSpec::Form(Form::Linear)
 }
 
 /// A pattern by name or as a tile.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum PatternSource {
+pub enum PatternSpec {
     /// Built-in name.
     Name(String),
     /// The tile itself.
     Tile(PatternTile),
 }
 
-impl PatternSource {
+impl PatternSpec {
     /// The shortest way to name `pattern`.
     pub fn of(pattern: &Pattern) -> Self {
         match Pattern::built_in(pattern.name()) {
@@ -143,14 +143,14 @@ impl PatternSource {
 /// A response by name with parameters, or as a CSV file beside the capture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum ResponseSource {
+pub enum ResponseSpec {
     /// `"linear"`, `{"gamma": 2.2}`, `{"soft-knee": 0.6}` or `{"table": [[0, 0], …, [1, 1]]}`.
     Form(Form),
     /// Name of a CSV file in the same folder.
     Csv(String),
 }
 
-impl ResponseSource {
+impl ResponseSpec {
     pub(super) fn form(&self, folder: Option<&Path>) -> Result<Form> {
         match self {
             Self::Form(form) => Ok(form.clone()),

@@ -4,7 +4,7 @@
 //! not depend on the exposure e, which determines R⁻¹ up to a factor (as for exposure brackets: Debevec and Malik 1997,
 //! Mitsunaga and Nayar 1999). What is fitted includes the black level: below it, R⁻¹ is nearly 0.
 
-use super::{Capture, Form, ResponseSource, SensorError};
+use super::{Capture, Form, ResponseSpec, SensorError};
 use crate::math::spread;
 
 /// Nodes of the fitted curve, closer where it is dark: yᵢ = (i/(n − 1))².
@@ -49,7 +49,7 @@ impl Capture {
     /// The capture with another response in place of its own and its black level.
     pub fn with_response(mut self, fit: &ResponseFit) -> Result<Self, SensorError> {
         self.info.black_level = 0.0;
-        self.info.response = ResponseSource::Form(fit.form.clone());
+        self.info.response = ResponseSpec::Form(fit.form.clone());
         self.response = super::Response::new(fit.form.clone(), self.response.saturation())?;
         Ok(self)
     }
@@ -285,7 +285,7 @@ mod tests {
         let truth = Form::SoftKnee(0.4);
         let mut capture = capture(truth.clone(), 0.02);
         // What the user believes.
-        capture.info.response = ResponseSource::Form(Form::Linear);
+        capture.info.response = ResponseSpec::Form(Form::Linear);
         capture.response = Response::new(Form::Linear, 2.0).unwrap();
         let fit = fit_response(&capture).unwrap();
         assert!(fit.difference[0] > 0.05 && fit.difference[1] < 0.02, "{:?}", fit.difference);

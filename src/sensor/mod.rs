@@ -24,7 +24,7 @@ pub use capture::Capture;
 pub use capture_file::CaptureFile;
 pub use covering::hold_to_covering;
 pub use defects::Defects;
-pub use description::{CaptureInfo, PatternSource, ResponseSource, Timing};
+pub use description::{CaptureInfo, PatternSpec, ResponseSpec, Timing};
 pub use error::SensorError;
 pub use fit_response::{ResponseFit, fit_response};
 pub use importer::{Imported, Importing, RatioCheck, check_exposure_ratio, check_levels, import};

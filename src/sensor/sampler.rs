@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 
-use super::{Capture, CaptureInfo, PatternSource, ResponseSource, Timing};
+use super::{Capture, CaptureInfo, PatternSpec, ResponseSpec, Timing};
 use super::{Form, Pattern, Readout, Recording, Response, SensorError};
 use crate::Result;
 use crate::video::Counts;
@@ -96,14 +96,14 @@ impl Sampler {
         let Noise { full_well_e, read_noise_e } = self.noise;
         let noisy = full_well_e.is_finite();
         CaptureInfo {
-            pattern: PatternSource::of(&self.pattern),
+            pattern: PatternSpec::of(&self.pattern),
             timing: self.timing,
             schedule_start: self.schedule_start,
             bit_depth: self.bit_depth,
             black_level: f64::from(self.black_level),
             white_level: self.white(),
             frame_period_ms: self.frame_period_ms,
-            response: ResponseSource::Form(self.response.form().clone()),
+            response: ResponseSpec::Form(self.response.form().clone()),
             full_well_e: noisy.then_some(full_well_e),
             read_noise_e: noisy.then_some(read_noise_e),
             anchor: None,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::tiles::Limits;
 use crate::cpu::{CpuExecutor, Shared, Simd};
 use crate::fingerprint::{Fingerprint, Fingerprinted};
-use crate::gpu::{AdapterChoice, Gpu, GpuExecutor, Options};
+use crate::gpu::{AdapterChoice, ExecutorOptions, Gpu, GpuExecutor};
 use crate::network::{Inspect, Plan, Precision};
 use crate::sensor::Calibration;
 use crate::system::{cache_folder, memory};
@@ -100,8 +100,11 @@ impl Backend {
         Ok(match self {
             Self::Gpu(gpu, precision) => {
                 let folder = cache_folder().filter(|_| tuned);
-                let options =
-                    Options { precision: *precision, tuned_in: folder.as_deref(), ..Options::default() };
+                let options = ExecutorOptions {
+                    precision: *precision,
+                    tuned_in: folder.as_deref(),
+                    ..ExecutorOptions::default()
+                };
                 Box::new(GpuExecutor::with_options(gpu, plan, calibration, &options)?)
             }
             Self::Cpu => Box::new(CpuExecutor::sharing(plan, calibration.clone(), shared)),

@@ -47,19 +47,19 @@ pub struct Ensemble {
 /// A pose of windows of one size.
 struct Pose {
     symmetry: Symmetry,
-    rows: Vec<Place>,
-    cols: Vec<Place>,
+    rows: Vec<Remapped>,
+    cols: Vec<Remapped>,
 }
 
 /// The row or column that a pose shows; another one at the same place of the pattern stands in for one outside.
 #[derive(Clone, Copy)]
-struct Place {
+struct Remapped {
     index: usize,
     inside: bool,
 }
 
 /// What a pose shows in `size` rows or columns of a pattern that repeats after `period`, which `size` is a multiple of.
-fn places(symmetry: Symmetry, axis: usize, size: usize, period: usize) -> Vec<Place> {
+fn remap(symmetry: Symmetry, axis: usize, size: usize, period: usize) -> Vec<Remapped> {
     let [size, period, shift] = [size, period, symmetry.shift[axis]].map(|n| n as i64);
     // Backwards, the last one comes first that lies at the right place of the pattern.
     let last = size - 1 - (size - shift).rem_euclid(period);
@@ -73,7 +73,7 @@ fn places(symmetry: Symmetry, axis: usize, size: usize, period: usize) -> Vec<Pl
         } else {
             index - period
         };
-        Place { index: index as usize, inside }
+        Remapped { index: index as usize, inside }
     };
     (0..size).map(place).collect()
 }
@@ -104,8 +104,8 @@ impl Ensemble {
         let [height, width] = extent;
         let pose = |&symmetry: &Symmetry| Pose {
             symmetry,
-            rows: places(symmetry, 1, height, calibration.rows),
-            cols: places(symmetry, 2, width, calibration.cols),
+            rows: remap(symmetry, 1, height, calibration.rows),
+            cols: remap(symmetry, 2, width, calibration.cols),
         };
         let poses: Vec<Pose> = poses.iter().map(pose).collect();
         let mut counts = vec![0.0f32; height * width];

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::pool::{Size, with_hop};
+use super::pool::{WindowExtent, with_hop};
 use super::skip::{Cells, Cuboid};
 use super::tiles::{Cut, Grid, Stretch};
 use crate::Result;
@@ -24,7 +24,7 @@ pub struct Tile {
 
 impl Tile {
     /// Size of the window that the tile needs.
-    pub fn size(&self) -> Size {
+    pub fn size(&self) -> WindowExtent {
         [self.frames.len(), self.row.outer_len, self.col.outer_len]
     }
 }

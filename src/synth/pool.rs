@@ -13,7 +13,7 @@ use crate::sensor::{Calibration, Symmetry};
 use crate::{Error, Result};
 
 /// Result frames, rows and columns of a window.
-pub type Size = [usize; 3];
+pub type WindowExtent = [usize; 3];
 
 /// Executors of one model, made when they are first asked for. Those that were not used for longest go when all
 /// together take too much memory.
@@ -21,14 +21,14 @@ pub struct Pool {
     backend: Backend,
     model: Model,
     calibration: Calibration,
-    entries: HashMap<Size, Entry>,
+    entries: HashMap<WindowExtent, Entry>,
     /// Counts uses.
     clock: u64,
     /// The most frequent size.
-    described: Option<Size>,
+    described: Option<WindowExtent>,
     limits: Limits,
     /// The size of windows that follow each other at each place of the frame.
-    streams: Option<Size>,
+    streams: Option<WindowExtent>,
     /// What those windows leave for each other, by their place (row, column) in the frame.
     states: HashMap<[usize; 2], State>,
     /// Poses of a window of which the mean is taken; one: the window as it is.
@@ -64,7 +64,7 @@ impl Pool {
         backend: &Backend,
         model: &Model,
         calibration: &Calibration,
-        streams: Option<Size>,
+        streams: Option<WindowExtent>,
         poses: Vec<Symmetry>,
     ) -> Self {
         Self {
@@ -83,7 +83,7 @@ impl Pool {
     }
 
     /// The executor for windows of `size`, made if there is none.
-    fn prepare(&mut self, size: Size) -> Result<&mut Entry> {
+    fn prepare(&mut self, size: WindowExtent) -> Result<&mut Entry> {
         self.clock += 1;
         if !self.entries.contains_key(&size) {
             let [hop, height, width] = size;
@@ -125,14 +125,14 @@ impl Pool {
 
     /// Makes the executor for windows of `size`, the most frequent one, tuned, and says in words what it is, and how many
     /// operations such a window takes.
-    pub fn describe(&mut self, size: Size) -> Result<(String, f64)> {
+    pub fn describe(&mut self, size: WindowExtent) -> Result<(String, f64)> {
         self.described = Some(size);
         let Entry { executor, flop, .. } = self.prepare(size)?;
         Ok((executor.describe(), *flop))
     }
 
     /// Whether a window of `size`, which was prepared for, can be submitted before one is collected.
-    pub fn is_free(&self, size: Size) -> bool {
+    pub fn is_free(&self, size: WindowExtent) -> bool {
         self.entries.get(&size).is_none_or(|entry| entry.executor.waiting() < entry.executor.in_flight())
     }
 
@@ -140,7 +140,7 @@ impl Pool {
     /// [`Executor::in_flight`].
     pub fn submit(
         &mut self,
-        size: Size,
+        size: WindowExtent,
         place: [usize; 2],
         measurement: &[f32],
         schedule: i64,
@@ -164,7 +164,7 @@ impl Pool {
     }
 
     /// The result of the window of `size` that was submitted first.
-    pub fn collect(&mut self, size: Size, result: &mut [f32]) -> Result<()> {
+    pub fn collect(&mut self, size: WindowExtent, result: &mut [f32]) -> Result<()> {
         if let Some(entry) = self.entries.get_mut(&size) {
             entry.executor.collect(result)?;
         }

@@ -46,7 +46,7 @@ fn plan(preset: &presets::Preset, times: usize) -> Plan {
 
 /// What every step of a plan becomes, in every way in which it may be divided.
 fn dispatches(plan: &Plan, precision: Precision, abilities: Abilities) -> Vec<Dispatch> {
-    let formats = Formats::new(plan, precision);
+    let formats = TensorFormats::new(plan, precision);
     let calibration = calibration();
     let of = |step: &Step| {
         let dispatch = |variant| Dispatch::new(step, &formats, &calibration, abilities, variant);
@@ -90,7 +90,7 @@ fn the_size_of_a_window_is_uniform() {
     for preset in presets::all() {
         let [small, large] = [2, 3].map(|times| {
             let plan = plan(&preset, times);
-            let formats = Formats::new(&plan, Precision::F32);
+            let formats = TensorFormats::new(&plan, Precision::F32);
             let variant = Some(Variant { pixels: 2, vectors: 1, lanes: 1, wide: false });
             let steps = plan
                 .steps

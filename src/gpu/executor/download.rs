@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use wgpu::{BufferUsages, MapMode};
 
-use super::GpuExecutor;
-use crate::gpu::storage::Format;
+use super::arena::Arena;
+use crate::gpu::storage::TensorFormat;
 use crate::gpu::weights::loaded;
 use crate::gpu::{Gpu, GpuError};
 use crate::network::{Tensor, View};
@@ -16,7 +16,7 @@ use crate::network::{Tensor, View};
 pub(super) struct Download {
     pub(super) buffer: wgpu::Buffer,
     view: View,
-    format: Format,
+    format: TensorFormat,
     /// What the values are stored in.
     unit: f32,
     mapped: Receiver<Result<(), wgpu::BufferAsyncError>>,
@@ -25,7 +25,7 @@ pub(super) struct Download {
 /// How long another thread may take to report a finished map before it counts as failed.
 pub(super) const CALLBACK_TIME: Duration = Duration::from_secs(10);
 
-impl GpuExecutor {
+impl Arena {
     /// A buffer that the values of `view`, and `more` bytes behind them, can be copied to.
     pub(super) fn staging(&self, view: &View, more: u64) -> Result<wgpu::Buffer, GpuError> {
         let bytes = copied_bytes(view, self.formats.of(view)) + more;
@@ -39,7 +39,7 @@ impl GpuExecutor {
         buffer: wgpu::Buffer,
         mut encoder: wgpu::CommandEncoder,
     ) -> (Download, wgpu::SubmissionIndex) {
-        let (format, unit) = (self.formats.of(&view), self.units[view.tensor.0]);
+        let (format, unit) = (self.formats.of(&view), self.units.of(view.tensor));
         let offset = (view.offset * format.bytes()) as u64;
         encoder.copy_buffer_to_buffer(
             &self.slots[view.slot],
@@ -104,6 +104,6 @@ fn span(view: &View) -> usize {
 }
 
 /// Bytes that are copied to read the values of `view`: copies are made in units of four bytes.
-fn copied_bytes(view: &View, format: Format) -> u64 {
+fn copied_bytes(view: &View, format: TensorFormat) -> u64 {
     (span(view) * format.bytes()).next_multiple_of(4) as u64
 }

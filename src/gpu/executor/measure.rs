@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use wgpu::{BufferUsages, MapMode};
 
-use super::GpuExecutor;
-use super::record::{Builder, Recorded};
+use super::options::ExecutorOptions;
+use super::record::{Builder, Recorded, encode};
 use crate::gpu::tune::Tuning;
 use crate::gpu::variant::Variant;
 use crate::gpu::weights::{loaded, stored};
@@ -17,46 +17,61 @@ use crate::system::Trials;
 /// Bytes of its output in which variants of a convolution have to agree.
 const COMPARED_BYTES: usize = 1 << 22;
 
-impl Builder<'_> {
-    /// The fastest variant of a convolution, if there was time to find it.
-    pub(super) fn tune(
-        &self,
-        index: usize,
-        step: &Step,
-        tuning: &mut Tuning,
-    ) -> Result<Option<Variant>, GpuError> {
-        let gpu = self.gpu.clone();
-        let chosen = self.dispatch(step, None)?;
-        // Its shader and its size.
-        let layer = format!("{}{:?}", chosen.shader.text, chosen.shader.uniform());
-        let Some(extent) = chosen.extent else { return Ok(None) };
-        let candidates = Variant::candidates(extent, gpu.abilities());
-        let [read, written] = [&step.inputs[0], &step.output].map(|view| self.formats.of(view));
-        let (input, output) = (step.inputs[0].slot, step.output.slot);
-        let mut expected: Option<Vec<f32>> = None;
-        let variant = tuning.variant(&gpu, &layer, &candidates, |variant| {
-            if expected.is_none() {
-                let count = self.formats.slot_bytes[input] / read.bytes();
-                let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
-                gpu.queue.write_buffer(&self.buffers.slots[input], 0, &stored(&values, read));
-            }
-            let recorded = self.bind(index, step, &self.dispatch(step, Some(variant))?)?;
-            // Or a variant that writes nothing would show what the one before it wrote.
-            clear(&gpu, [&self.buffers.slots[output]]);
-            let time = time(&gpu, &recorded)?;
-            // Not every driver may number the invocations of a subgroup as teams want it.
-            let begin = step.output.offset * written.bytes();
-            let end = self.formats.slot_bytes[output].min(begin + COMPARED_BYTES);
-            let result = loaded(&read_back(&gpu, &self.buffers.slots[output], begin..end)?, written);
-            let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
-            expected.get_or_insert(result);
-            Ok::<_, GpuError>(same.then_some(time))
-        })?;
-        if expected.is_some() {
-            clear(&gpu, [&self.buffers.slots[input], &self.buffers.slots[output]]);
-        }
-        Ok(variant)
+/// Operations from which on a convolution is worth measuring.
+const WORTH_TUNING: f64 = 2e7;
+
+/// The variant of a step: the one that the options want, or the fastest one where that is worth measuring.
+pub(super) fn variant(
+    builder: &Builder<'_>,
+    index: usize,
+    step: &Step,
+    options: &ExecutorOptions<'_>,
+    tuning: Option<&mut Tuning>,
+) -> Result<Option<Variant>, GpuError> {
+    match (options.variant, tuning) {
+        (None, Some(tuning)) if step.flop() >= WORTH_TUNING => fastest(builder, index, step, tuning),
+        (variant, _) => Ok(variant),
     }
+}
+
+/// The fastest variant of a convolution, if there was time to find it.
+fn fastest(
+    builder: &Builder<'_>,
+    index: usize,
+    step: &Step,
+    tuning: &mut Tuning,
+) -> Result<Option<Variant>, GpuError> {
+    let gpu = builder.gpu.clone();
+    let chosen = builder.dispatch(step, None)?;
+    // Its shader and its size.
+    let layer = format!("{}{:?}", chosen.shader.text, chosen.shader.uniform());
+    let Some(extent) = chosen.extent else { return Ok(None) };
+    let candidates = Variant::candidates(extent, gpu.abilities());
+    let [read, written] = [&step.inputs[0], &step.output].map(|view| builder.formats.of(view));
+    let (input, output) = (step.inputs[0].slot, step.output.slot);
+    let mut expected: Option<Vec<f32>> = None;
+    let variant = tuning.variant(&gpu, &layer, &candidates, |variant| {
+        if expected.is_none() {
+            let count = builder.formats.slot_bytes[input] / read.bytes();
+            let values: Vec<f32> = (0..count).map(|i| (i * 7 % 31) as f32 / 31.0 - 0.5).collect();
+            gpu.queue.write_buffer(&builder.buffers.slots[input], 0, &stored(&values, read));
+        }
+        let recorded = builder.bind(index, step, &builder.dispatch(step, Some(variant))?)?;
+        // Or a variant that writes nothing would show what the one before it wrote.
+        clear(&gpu, [&builder.buffers.slots[output]]);
+        let time = time(&gpu, &recorded)?;
+        // Not every driver may number the invocations of a subgroup as teams want it.
+        let begin = step.output.offset * written.bytes();
+        let end = builder.formats.slot_bytes[output].min(begin + COMPARED_BYTES);
+        let result = loaded(&read_back(&gpu, &builder.buffers.slots[output], begin..end)?, written);
+        let same = expected.as_ref().is_none_or(|expected| agree(expected, &result));
+        expected.get_or_insert(result);
+        Ok::<_, GpuError>(same.then_some(time))
+    })?;
+    if expected.is_some() {
+        clear(&gpu, [&builder.buffers.slots[input], &builder.buffers.slots[output]]);
+    }
+    Ok(variant)
 }
 
 /// Time of one dispatch of a step.
@@ -67,7 +82,7 @@ fn time(gpu: &Gpu, step: &Recorded) -> Result<Duration, GpuError> {
         let begun = Instant::now();
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         for _ in 0..count {
-            GpuExecutor::encode(std::slice::from_ref(step), &mut encoder);
+            encode(std::slice::from_ref(step), &mut encoder);
         }
         gpu.wait(gpu.queue.submit([encoder.finish()]))?;
         Ok::<_, GpuError>(begun.elapsed())

@@ -4,20 +4,19 @@ use std::num::NonZero;
 
 use wgpu::{BindGroupEntry, BindGroupLayoutEntry, BindingResource, BufferBinding, BufferBindingType};
 
-use super::{BINDING_STRIDE, Options};
+use super::options::Edit;
 use crate::gpu::dispatch::Dispatch;
 use crate::gpu::shader::table::{KernelShader, Resource};
 use crate::gpu::shader::{Shader, dump};
-use crate::gpu::storage::Formats;
-use crate::gpu::tune::Tuning;
+use crate::gpu::storage::TensorFormats;
 use crate::gpu::variant::Variant;
 use crate::gpu::weights::Terms;
 use crate::gpu::{Gpu, GpuError};
 use crate::network::{Plan, Step};
 use crate::sensor::Calibration;
 
-/// Operations from which on a convolution is worth measuring.
-const WORTH_TUNING: f64 = 2e7;
+/// Bytes between what two steps have in one buffer: bindings may begin at any multiple of it on every adapter.
+pub(super) const BINDING_STRIDE: u64 = 256;
 
 /// A step with all that recording it needs.
 #[derive(Debug)]
@@ -41,6 +40,11 @@ pub(super) fn record(pass: &mut wgpu::ComputePass<'_>, steps: &[Recorded]) {
     }
 }
 
+/// Records steps as a pass of their own.
+pub(super) fn encode(steps: &[Recorded], encoder: &mut wgpu::CommandEncoder) {
+    record(&mut encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()), steps);
+}
+
 /// Buffers that the steps of a plan share.
 pub(super) struct Buffers<'a> {
     /// The plan's slots.
@@ -54,7 +58,7 @@ pub(super) struct Buffers<'a> {
 /// What steps are made from.
 pub(super) struct Builder<'a> {
     pub(super) gpu: &'a Gpu,
-    pub(super) formats: &'a Formats,
+    pub(super) formats: &'a TensorFormats,
     pub(super) buffers: Buffers<'a>,
     calibration: &'a Calibration,
     /// Bindings that all steps share.
@@ -70,7 +74,7 @@ impl<'a> Builder<'a> {
     pub(super) fn new(
         gpu: &'a Gpu,
         plan: &Plan,
-        formats: &'a Formats,
+        formats: &'a TensorFormats,
         buffers: Buffers<'a>,
         calibration: &'a Calibration,
     ) -> Result<Self, GpuError> {
@@ -90,20 +94,16 @@ impl<'a> Builder<'a> {
         Ok(Self { gpu, formats, buffers, calibration, common, geometry, window })
     }
 
-    /// Compiles a step, as the options say.
+    /// Compiles a step in this variant, or in the one that its size suggests.
     pub(super) fn record(
         &self,
         index: usize,
         step: &Step,
-        options: &Options<'_>,
-        tuning: Option<&mut Tuning>,
+        variant: Option<Variant>,
+        edit: Option<Edit<'_>>,
     ) -> Result<Recorded, GpuError> {
-        let variant = match (options.variant, tuning) {
-            (None, Some(tuning)) if step.flop() >= WORTH_TUNING => self.tune(index, step, tuning)?,
-            (variant, _) => variant,
-        };
         let mut dispatch = self.dispatch(step, variant)?;
-        if let Some(edit) = options.edit {
+        if let Some(edit) = edit {
             dispatch.shader.text = edit(step, &dispatch.shader.text);
         }
         let name = format!("{index:02}-{}-{}", step.name, dispatch.kernel.name);

@@ -5,75 +5,59 @@ use std::time::{Duration, Instant};
 
 use wgpu::{BufferUsages, CommandEncoder, CommandEncoderDescriptor, ComputePassDescriptor, MapMode};
 
-use super::GpuExecutor;
 use super::download::CALLBACK_TIME;
-use super::record::{Recorded, record};
-use crate::Result;
+use super::record::{Recorded, encode, record};
 use crate::gpu::{Gpu, GpuError};
 use crate::network::WindowTime;
 
 /// Bytes of a time stamp.
 const STAMP: usize = size_of::<u64>();
 
-impl GpuExecutor {
-    /// Uploads a measurement and waits until it is there.
-    pub(super) fn arrive(&mut self, measurement: &[f32], schedule: i64) -> Result<()> {
-        self.upload(measurement, schedule)?;
-        let submission = self.gpu.queue.submit([]);
-        Ok(self.gpu.wait(submission)?)
-    }
-
-    /// The steps of most windows.
-    fn usual_steps(&self) -> &[Recorded] {
-        self.steps(self.plan.following.is_some())
-    }
-
-    /// Computes what was uploaded `windows` times, in one submission.
-    pub(super) fn time_passes(&self, windows: usize) -> Result<WindowTime, GpuError> {
-        let stamps = Stamps::new(&self.gpu, 1)?;
-        let begun = Instant::now();
-        let mut encoder = self.encoder();
-        {
-            let mut pass = encoder.begin_compute_pass(&pass(stamps.as_ref(), 0));
-            for _ in 0..windows {
-                record(&mut pass, self.usual_steps());
-            }
+/// Computes `steps` `windows` times, in one submission.
+pub(super) fn time_windows(gpu: &Gpu, steps: &[Recorded], windows: usize) -> Result<WindowTime, GpuError> {
+    let stamps = Stamps::new(gpu, 1)?;
+    let begun = Instant::now();
+    let mut encoder = encoder(gpu);
+    {
+        let mut pass = encoder.begin_compute_pass(&pass(stamps.as_ref(), 0));
+        for _ in 0..windows {
+            record(&mut pass, steps);
         }
-        if let Some(stamps) = &stamps {
-            stamps.resolve(&mut encoder);
-        }
-        let submission = self.gpu.queue.submit([encoder.finish()]);
-        self.gpu.wait(submission)?;
-        let wall = begun.elapsed();
-        let device = stamps.map(|stamps| stamps.read(&self.gpu)).transpose()?.map(|times| times[0]);
-        Ok(WindowTime { wall, device })
     }
-
-    /// Time of each step: on the device's clock, else from submission to completion.
-    pub(super) fn time_each(&self) -> Result<Vec<Duration>, GpuError> {
-        let Some(stamps) = Stamps::new(&self.gpu, self.usual_steps().len())? else {
-            let time = |step| {
-                let begun = Instant::now();
-                let mut encoder = self.encoder();
-                record(&mut encoder.begin_compute_pass(&ComputePassDescriptor::default()), step);
-                let submission = self.gpu.queue.submit([encoder.finish()]);
-                self.gpu.wait(submission).map(|()| begun.elapsed())
-            };
-            return self.usual_steps().chunks(1).map(time).collect();
-        };
-        let mut encoder = self.encoder();
-        for (index, step) in self.usual_steps().chunks(1).enumerate() {
-            record(&mut encoder.begin_compute_pass(&pass(Some(&stamps), index)), step);
-        }
+    if let Some(stamps) = &stamps {
         stamps.resolve(&mut encoder);
-        let submission = self.gpu.queue.submit([encoder.finish()]);
-        self.gpu.wait(submission)?;
-        stamps.read(&self.gpu)
     }
+    let submission = gpu.queue.submit([encoder.finish()]);
+    gpu.wait(submission)?;
+    let wall = begun.elapsed();
+    let device = stamps.map(|stamps| stamps.read(gpu)).transpose()?.map(|times| times[0]);
+    Ok(WindowTime { wall, device })
+}
 
-    fn encoder(&self) -> CommandEncoder {
-        self.gpu.device.create_command_encoder(&CommandEncoderDescriptor::default())
+/// Time of each step: on the device's clock, else from submission to completion.
+pub(super) fn time_steps(gpu: &Gpu, steps: &[Recorded]) -> Result<Vec<Duration>, GpuError> {
+    let Some(stamps) = Stamps::new(gpu, steps.len())? else {
+        let time = |step| {
+            let begun = Instant::now();
+            let mut encoder = encoder(gpu);
+            encode(step, &mut encoder);
+            let submission = gpu.queue.submit([encoder.finish()]);
+            gpu.wait(submission).map(|()| begun.elapsed())
+        };
+        return steps.chunks(1).map(time).collect();
+    };
+    let mut encoder = encoder(gpu);
+    for (index, step) in steps.chunks(1).enumerate() {
+        record(&mut encoder.begin_compute_pass(&pass(Some(&stamps), index)), step);
     }
+    stamps.resolve(&mut encoder);
+    let submission = gpu.queue.submit([encoder.finish()]);
+    gpu.wait(submission)?;
+    stamps.read(gpu)
+}
+
+fn encoder(gpu: &Gpu) -> CommandEncoder {
+    gpu.device.create_command_encoder(&CommandEncoderDescriptor::default())
 }
 
 /// A compute pass that takes the two stamps number `index`.

@@ -9,5 +9,5 @@ pub(super) mod validation;
 
 pub use dump::dump;
 pub use parameters::{Parameters, Value};
-pub use table::Source;
+pub use table::ShaderFile;
 pub use template::{Shader, as_it_stands, specialise};

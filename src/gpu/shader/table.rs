@@ -41,7 +41,7 @@ static KERNELS: [KernelShader; 8] = [
 
 impl KernelShader {
     /// The file.
-    pub fn source(&self) -> Source {
+    pub fn source(&self) -> ShaderFile {
         file(&format!("{}.wgsl", self.name))
     }
 }
@@ -54,7 +54,7 @@ pub fn kernel(name: &str) -> &'static KernelShader {
 
 macro_rules! files {
     ($($name:literal),* $(,)?) => {
-        &[$(Source {
+        &[$(ShaderFile {
             path: concat!("shaders/", $name),
             text: include_str!(concat!("../../../shaders/", $name)),
         }),*]
@@ -63,7 +63,7 @@ macro_rules! files {
 
 /// A file.
 #[derive(Clone, Copy, Debug)]
-pub struct Source {
+pub struct ShaderFile {
     /// Path within the repository.
     pub path: &'static str,
     /// What stands in it.
@@ -71,7 +71,7 @@ pub struct Source {
 }
 
 /// All files of this package.
-pub static FILES: &[Source] = files![
+pub static FILES: &[ShaderFile] = files![
     "blend.wgsl",
     "box_estimate.wgsl",
     "common/activation.wgsl",
@@ -94,7 +94,7 @@ pub static FILES: &[Source] = files![
 ];
 
 /// A file by its path within `shaders/`.
-pub fn file(path: &str) -> Source {
+pub fn file(path: &str) -> ShaderFile {
     let file = FILES.iter().find(|file| file.path.strip_prefix("shaders/") == Some(path));
     *file.unwrap_or_else(|| panic!("shaders/{path} is not in the table of shaders"))
 }

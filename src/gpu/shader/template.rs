@@ -23,7 +23,7 @@
 use std::collections::HashSet;
 
 use super::parameters::{Parameters, Value};
-use super::table::{Source, file};
+use super::table::{ShaderFile, file};
 
 /// A shader that can be compiled.
 #[derive(Clone, Debug)]
@@ -74,12 +74,12 @@ impl Line {
 }
 
 /// A file with all that it includes, and nothing changed.
-pub fn as_it_stands(source: Source) -> Shader {
+pub fn as_it_stands(source: ShaderFile) -> Shader {
     finish(with_includes(source, &Parameters::default()), Vec::new())
 }
 
 /// A file with all that it includes, for these values.
-pub fn specialise(source: Source, parameters: &Parameters) -> Shader {
+pub fn specialise(source: ShaderFile, parameters: &Parameters) -> Shader {
     let lines = with_includes(source, parameters);
     let geometry = geometry(&lines, parameters);
     let mut written = Vec::new();
@@ -97,7 +97,7 @@ fn finish(lines: Vec<Line>, geometry: Vec<(String, i32)>) -> Shader {
 }
 
 /// The lines of a file, with those of the files that it includes.
-fn with_includes(source: Source, parameters: &Parameters) -> Vec<Line> {
+fn with_includes(source: ShaderFile, parameters: &Parameters) -> Vec<Line> {
     let mut lines = Vec::new();
     include(source, None, parameters, &mut HashSet::new(), &mut lines);
     lines
@@ -105,7 +105,7 @@ fn with_includes(source: Source, parameters: &Parameters) -> Vec<Line> {
 
 /// Adds the lines of a file, unless it was `included` before under the same name.
 fn include(
-    source: Source,
+    source: ShaderFile,
     name: Option<&'static str>,
     parameters: &Parameters,
     included: &mut HashSet<(&'static str, Option<&'static str>)>,

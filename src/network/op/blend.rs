@@ -7,14 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use super::operation::{Kind, MAX_EXTENT, Operation, Parts, around, exactly};
 use super::relation::{Relation, Scale};
-use crate::network::kernel::{Block, Kernel, Tap};
+use crate::network::kernel::{Fold, Kernel, Tap};
 use crate::network::tensor::Shape;
 
 /// Parameters of [`Op::Blend`](super::Op).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Blend {
     /// Block that is unfolded; it spans one frame.
-    pub block: Block,
+    pub block: Fold,
     /// Pixels, as offsets t, y, x from the result's, that the weights are for. Those outside do not count. All steps of a
     /// plan share them.
     #[serde(with = "shared")]

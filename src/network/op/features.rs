@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::operation::{Kind, MAX_EXTENT, MAX_FRAMES, Operation, Parts, around};
 use super::relation::{Relation, Scale};
-use crate::network::kernel::{Block, Channel, Feature, Kernel};
+use crate::network::kernel::{Channel, Feature, Fold, Kernel};
 use crate::network::tensor::Shape;
 
 /// Parameters of [`Op::Features`](super::Op).
@@ -17,7 +17,7 @@ pub struct Features {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub neighbours: Vec<i32>,
     /// Block that is folded.
-    pub block: Block,
+    pub block: Fold,
 }
 
 impl Operation for Features {

@@ -7,8 +7,8 @@ use glam::{FloatExt, Mat3, Quat, Vec2, Vec3};
 use super::super::Scene;
 use super::glyph::Text;
 use super::light::Lamp;
-use super::shape::{Cuboid, Face, Stage, ellipse, fract, rectangle, smooth_step, sphere_normal};
-use super::texture::Noise;
+use super::shape::{Brick, Face, Stage, ellipse, fract, rectangle, smooth_step, sphere_normal};
+use super::texture::NoiseTexture;
 
 /// Gravity in units/frame²: 9.81 m/s² at 1000 fps, the square of the layout being 0.2 m wide.
 const GRAVITY: f32 = 9.81e-5;
@@ -34,8 +34,8 @@ const AMBIENT: f32 = 0.003;
 #[derive(Clone, Debug)]
 pub struct Falling {
     stage: Stage,
-    texture: Noise,
-    throws: Noise,
+    texture: NoiseTexture,
+    throws: NoiseTexture,
     window: Lamp,
     letters: [Text; 6],
     address: Vec<(Vec2, Text)>,
@@ -74,7 +74,7 @@ struct Body {
     radius: f32,
     /// Radius of what may be seen of it.
     bound: f32,
-    block: Cuboid,
+    block: Brick,
     turn: Mat3,
 }
 
@@ -84,8 +84,8 @@ impl Falling {
         let line = |y: f32, size: f32, text: &str| (Vec2::new(0.03, y), Text::new(text, size, 0.16));
         Self {
             stage: Stage::new(height, width),
-            texture: Noise::new(seed, 0),
-            throws: Noise::new(seed, 1),
+            texture: NoiseTexture::new(seed, 0),
+            throws: NoiseTexture::new(seed, 1),
             window: Lamp { position: Vec3::new(WINDOW.x, WINDOW.y, 0.1), intensity: 0.045 },
             letters: ["H", "D", "R", "P", "I", "X"].map(|letter| Text::new(letter, 0.13, 0.2)),
             address: vec![line(-0.02, 0.045, "TO ALICE"), line(0.05, 0.045, "9 HIGH ST")],
@@ -123,7 +123,7 @@ impl Falling {
             // Corners may go into the table a little when it lies there; a compromise between side and corner.
             _ => Vec3::splat(0.78 * radius),
         };
-        let block = Cuboid::new(half, turn);
+        let block = Brick::new(half, turn);
         let bound = match kind {
             Kind::Banded | Kind::Polished => radius + self.stage.pixel(),
             _ => block.radius(),

@@ -9,7 +9,7 @@ use super::chart::Chart;
 use super::glyph::Text;
 use super::light::{Lamp, glow};
 use super::shape::{Lathe, Stage, ellipse, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
-use super::texture::Noise;
+use super::texture::NoiseTexture;
 
 /// Hub of the fan.
 const HUB: Vec2 = Vec2::new(-0.40, -0.12);
@@ -42,8 +42,8 @@ pub struct Fan {
     stage: Stage,
     /// Turn in radians per frame.
     turn: f32,
-    plaster: Noise,
-    wood: Noise,
+    plaster: NoiseTexture,
+    wood: NoiseTexture,
     lamp: Lamp,
     letters: [Text; 3],
     chart: Chart,
@@ -58,8 +58,8 @@ impl Fan {
         Self {
             stage: Stage::new(height, width),
             turn: TAU / 150.0,
-            plaster: Noise::new(seed, 0),
-            wood: Noise::new(seed, 1),
+            plaster: NoiseTexture::new(seed, 0),
+            wood: NoiseTexture::new(seed, 1),
             lamp: Lamp { position: BULB, intensity: 0.11 },
             letters: ["H", "D", "R"].map(|letter| Text::new(letter, 0.25, 0.17)),
             chart: Chart::new(),

@@ -6,7 +6,7 @@ use super::super::Scene;
 use super::glyph::Text;
 use super::light::{Lamp, glow};
 use super::shape::{Buckets, Stage, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal};
-use super::texture::Noise;
+use super::texture::NoiseTexture;
 
 /// Frames from one switching-on to the next.
 const CYCLE: f32 = 32.0;
@@ -33,7 +33,7 @@ const AMBIENT: f32 = 0.003;
 #[derive(Clone, Debug)]
 pub struct Leds {
     stage: Stage,
-    board: Noise,
+    board: NoiseTexture,
     lamps: [Lamp; 2],
     prints: Vec<(Vec2, Text)>,
     prints_at: Buckets,
@@ -94,7 +94,7 @@ impl Leds {
         let tracks_at = Buckets::new(tracks.iter().map(span));
         Self {
             stage: Stage::new(height, width),
-            board: Noise::new(seed, 0),
+            board: NoiseTexture::new(seed, 0),
             lamps: PLACES.map(|place| Lamp { position: place.extend(HEIGHT), intensity: 0.012 }),
             prints,
             prints_at,

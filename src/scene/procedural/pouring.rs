@@ -10,7 +10,7 @@ use super::light::Lamp;
 use super::shape::{
     Buckets, Lathe, Stage, ellipse, floor, fract, rectangle, rounded, smooth_step, sphere_normal,
 };
-use super::texture::Noise;
+use super::texture::NoiseTexture;
 
 /// Gravity in units/frame²: 9.81 m/s² at 1000 fps, the square of the layout being 0.14 m wide.
 const GRAVITY: f32 = 1.4e-4;
@@ -43,8 +43,8 @@ const AMBIENT: f32 = 0.002;
 #[derive(Clone, Debug)]
 pub struct Pouring {
     stage: Stage,
-    texture: Noise,
-    chance: Noise,
+    texture: NoiseTexture,
+    chance: NoiseTexture,
     lamp: Lamp,
     bottle: Lathe,
     label: Text,
@@ -81,8 +81,8 @@ impl Pouring {
     pub fn new(height: usize, width: usize, seed: u64) -> Self {
         Self {
             stage: Stage::new(height, width),
-            texture: Noise::new(seed, 0),
-            chance: Noise::new(seed, 1),
+            texture: NoiseTexture::new(seed, 0),
+            chance: NoiseTexture::new(seed, 1),
             lamp: Lamp { position: Vec3::new(-0.9, -1.1, 1.6), intensity: 0.05 },
             bottle: Lathe::new(&[(0.26, -1.9), (0.26, -0.90), (0.085, -0.76), (0.085, MOUTH)]),
             label: Text::new("COLD", 0.075, 0.17),

@@ -196,7 +196,7 @@ impl Lathe {
 
 /// A block, turned in space.
 #[derive(Clone, Copy, Debug)]
-pub struct Cuboid {
+pub struct Brick {
     half: Vec3,
     turn: Mat3,
 }
@@ -214,7 +214,7 @@ pub struct Face {
     pub normal: Vec3,
 }
 
-impl Cuboid {
+impl Brick {
     /// A block with half extents `half` about the origin, turned by `turn`.
     pub fn new(half: Vec3, turn: Mat3) -> Self {
         Self { half, turn }
@@ -270,13 +270,12 @@ mod tests {
 
     #[test]
     fn a_block_shows_the_face_that_looks_at_the_viewer() {
-        let block = Cuboid::new(Vec3::new(1.0, 2.0, 3.0), Mat3::IDENTITY);
+        let block = Brick::new(Vec3::new(1.0, 2.0, 3.0), Mat3::IDENTITY);
         let face = block.face(Vec2::new(0.5, -1.5)).expect("the block is there");
         assert_eq!((face.index, face.normal), (5, Vec3::Z));
         assert!((face.place - Vec2::new(0.5, -1.5)).length() < 1e-5);
         assert!(block.face(Vec2::new(1.1, 0.0)).is_none());
-        let turned =
-            Cuboid::new(Vec3::new(1.0, 2.0, 3.0), Mat3::from_rotation_y(std::f32::consts::FRAC_PI_2));
+        let turned = Brick::new(Vec3::new(1.0, 2.0, 3.0), Mat3::from_rotation_y(std::f32::consts::FRAC_PI_2));
         let face = turned.face(Vec2::new(2.9, 0.0)).expect("its long side is seen");
         assert_eq!(face.index / 2, 0);
         assert!((face.normal - Vec3::Z).length() < 1e-5);

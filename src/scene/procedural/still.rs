@@ -9,7 +9,7 @@ use super::light::{Lamp, glow};
 use super::shape::{
     Lathe, Stage, ellipse, floor, fract, rectangle, rounded, segment, smooth_step, sphere_normal,
 };
-use super::texture::Noise;
+use super::texture::NoiseTexture;
 
 /// The bulb of the lamp, under its shade.
 const BULB: Vec3 = Vec3::new(-0.50, -0.36, 0.35);
@@ -39,8 +39,8 @@ const AMBIENT: f32 = 0.002;
 #[derive(Clone, Debug)]
 pub struct Still {
     stage: Stage,
-    texture: Noise,
-    wood: Noise,
+    texture: NoiseTexture,
+    wood: NoiseTexture,
     lamp: Lamp,
     shade: Lathe,
     bulb: Lathe,
@@ -76,8 +76,8 @@ impl Still {
         };
         Self {
             stage,
-            texture: Noise::new(seed, 0),
-            wood: Noise::new(seed, 1),
+            texture: NoiseTexture::new(seed, 0),
+            wood: NoiseTexture::new(seed, 1),
             lamp: Lamp { position: BULB, intensity: 0.09 },
             shade: Lathe::new(&[(SHADE[1].x, SHADE[1].y), (SHADE[0].x, SHADE[0].y)]),
             bulb: Lathe::new(&[(0.04, -0.46), (0.075, -0.33), (0.0, -0.262)]),

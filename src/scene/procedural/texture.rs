@@ -6,11 +6,11 @@ use super::shape::{floor, fract};
 
 /// Noise with a seed.
 #[derive(Clone, Copy, Debug)]
-pub struct Noise {
+pub struct NoiseTexture {
     seed: u32,
 }
 
-impl Noise {
+impl NoiseTexture {
     /// The noise of `seed`; different `layer`s of one seed have nothing in common.
     pub fn new(seed: u64, layer: u32) -> Self {
         Self { seed: mix(seed as u32 ^ mix((seed >> 32) as u32 ^ mix(layer))) }
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn noise_is_even_and_continuous() {
-        let noise = Noise::new(5, 0);
+        let noise = NoiseTexture::new(5, 0);
         let mean = (0..10_000).map(|i| noise.cell(i % 100, i / 100)).sum::<f32>() / 10_000.0;
         assert!((mean - 0.5).abs() < 0.01, "{mean}");
         for i in -300..300 {
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn seeds_and_layers_differ() {
-        let at = |seed, layer| Noise::new(seed, layer).value(Vec2::splat(0.4));
+        let at = |seed, layer| NoiseTexture::new(seed, layer).value(Vec2::splat(0.4));
         assert_eq!(at(1, 0), at(1, 0));
         assert!(at(1, 0) != at(2, 0) && at(1, 0) != at(1, 1) && at(1, 0) != at(1 << 32, 0));
     }

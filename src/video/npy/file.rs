@@ -16,20 +16,20 @@ pub(super) struct Npy {
     content: BufReader<File>,
     /// Where the numbers begin in the file.
     begin: u64,
-    block: Block,
+    chunk: Chunk,
 }
 
 /// Frames of an array in Fortran order, which are spread over the whole file.
 #[derive(Debug, Default)]
-struct Block {
+struct Chunk {
     /// The first of them.
     first: usize,
     /// Bytes of their numbers, [t, y, x].
     bytes: Vec<u8>,
 }
 
-/// Bytes of a [`Block`], or those of one frame if they are more.
-const BLOCK_BYTES: usize = if cfg!(test) { 64 } else { 64 << 20 };
+/// Bytes of a [`Chunk`], or those of one frame if they are more.
+const CHUNK_BYTES: usize = if cfg!(test) { 64 } else { 64 << 20 };
 
 impl Npy {
     pub fn open(path: &Path) -> Result<Self> {
@@ -53,7 +53,7 @@ impl Npy {
         if data_len == 0 {
             return Err(VideoError::Shape(format!("is empty: its shape is {:?}", header.shape)).into());
         }
-        Ok(Self { header, content, begin, block: Block::default() })
+        Ok(Self { header, content, begin, chunk: Chunk::default() })
     }
 
     /// All values in C order.
@@ -75,11 +75,11 @@ impl Npy {
         if !self.header.fortran_order {
             return self.values_at(t * len, len, value);
         }
-        let there = self.block.bytes.len() / (len * N);
-        if !(self.block.first..self.block.first + there).contains(&t) {
+        let there = self.chunk.bytes.len() / (len * N);
+        if !(self.chunk.first..self.chunk.first + there).contains(&t) {
             self.read_block(t)?;
         }
-        let bytes = &self.block.bytes[(t - self.block.first) * len * N..][..len * N];
+        let bytes = &self.chunk.bytes[(t - self.chunk.first) * len * N..][..len * N];
         Ok(bytes.as_chunks().0.iter().map(|&bytes| value(bytes)).collect())
     }
 
@@ -92,7 +92,7 @@ impl Npy {
             _ => unreachable!("an array of frames was opened"),
         };
         let (size, len) = (kind.bytes(), height * width);
-        let count = (BLOCK_BYTES / (len * size)).clamp(1, frames - first);
+        let count = (CHUNK_BYTES / (len * size)).clamp(1, frames - first);
         let mut bytes = reserve(count * len * size)?;
         bytes.resize(count * len * size, 0);
         let mut series = vec![0; count * size];
@@ -108,7 +108,7 @@ impl Npy {
         }
         // The buffer is of another place now.
         self.content.seek(SeekFrom::Start(self.begin))?;
-        self.block = Block { first, bytes };
+        self.chunk = Chunk { first, bytes };
         Ok(())
     }
 
@@ -130,13 +130,13 @@ impl Npy {
         mut left: usize,
         value: impl Fn([u8; N]) -> T,
     ) -> Result<Vec<T>> {
-        // One block of whole numbers at a time, so that the bytes are never all in memory beside the values.
-        let mut block = vec![[0_u8; N]; left.min((1 << 18) / N)];
+        // One chunk of whole numbers at a time, so that the bytes are never all in memory beside the values.
+        let mut chunk = vec![[0_u8; N]; left.min((1 << 18) / N)];
         let mut values = reserve(left)?;
         while left > 0 {
-            let part = left.min(block.len());
-            self.content.read_exact(block[..part].as_flattened_mut())?;
-            values.extend(block[..part].iter().map(|&bytes| value(bytes)));
+            let part = left.min(chunk.len());
+            self.content.read_exact(chunk[..part].as_flattened_mut())?;
+            values.extend(chunk[..part].iter().map(|&bytes| value(bytes)));
             left -= part;
         }
         Ok(values)

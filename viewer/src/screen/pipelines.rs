@@ -5,12 +5,12 @@ use wgpu::{BindGroupLayoutEntry, BindingType, BufferBindingType, ShaderStages, T
 
 use crate::picture::COMPUTED;
 use crate::tone::{BAYER, CLIPPED, COLOURS, DIVERGING, MANTISSA, ToneTable};
-use pix2hdr::gpu::shader::{Parameters, Source, Value, dump, specialise};
+use pix2hdr::gpu::shader::{Parameters, ShaderFile, Value, dump, specialise};
 
-const PICTURE: Source =
-    Source { path: "viewer/shaders/picture.wgsl", text: include_str!("../../shaders/picture.wgsl") };
-const PANE: Source =
-    Source { path: "viewer/shaders/pane.wgsl", text: include_str!("../../shaders/pane.wgsl") };
+const PICTURE: ShaderFile =
+    ShaderFile { path: "viewer/shaders/picture.wgsl", text: include_str!("../../shaders/picture.wgsl") };
+const PANE: ShaderFile =
+    ShaderFile { path: "viewer/shaders/pane.wgsl", text: include_str!("../../shaders/pane.wgsl") };
 
 /// Rows and columns of pixels that a workgroup computes.
 pub(super) const BLOCK: usize = 8;
@@ -108,7 +108,12 @@ pub(super) fn drawing(device: &wgpu::Device, target: TextureFormat) -> wgpu::Ren
     })
 }
 
-fn module(device: &wgpu::Device, label: &str, source: Source, parameters: &Parameters) -> wgpu::ShaderModule {
+fn module(
+    device: &wgpu::Device,
+    label: &str,
+    source: ShaderFile,
+    parameters: &Parameters,
+) -> wgpu::ShaderModule {
     let shader = specialise(source, parameters);
     dump(&[label], &shader);
     let source = wgpu::ShaderSource::Wgsl(shader.text.into());

@@ -100,7 +100,7 @@ fn what_nobody_says_is_named_with_its_line() {
 }
 
 /// The files in a folder of the repository and in those in it.
-fn found(folder: &str) -> Vec<Source> {
+fn found(folder: &str) -> Vec<ShaderFile> {
     let entries = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).read_dir().unwrap();
     let sources = entries.flat_map(|entry| {
         let entry = entry.unwrap();
@@ -109,14 +109,14 @@ fn found(folder: &str) -> Vec<Source> {
             return found(&path);
         }
         let text = std::fs::read_to_string(entry.path()).unwrap();
-        vec![Source { path: path.leak(), text: text.leak() }]
+        vec![ShaderFile { path: path.leak(), text: text.leak() }]
     });
     sources.collect()
 }
 
 #[test]
 fn every_file_is_in_the_table() {
-    let paths = |sources: &[Source]| sources.iter().map(|source| source.path).collect::<BTreeSet<_>>();
+    let paths = |sources: &[ShaderFile]| sources.iter().map(|source| source.path).collect::<BTreeSet<_>>();
     assert_eq!(paths(&found("shaders")), paths(FILES));
 }
 

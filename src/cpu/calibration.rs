@@ -1,22 +1,22 @@
-//! The camera's tables and the tone curve, as kernels use them.
+//! A camera's calibration and the tone curve, as kernels use them.
 // Code gets the instructions of the function that it is inlined into.
 #![allow(clippy::inline_always)]
 
 use super::Real;
-use super::simd::{Simd, Target, Task};
+use super::simd::{Simd, SimdToken, Task};
 use crate::network::MU;
 use crate::sensor::Calibration;
 
-/// The camera at the time of a tensor.
+/// The tables of a calibration, at the time of a tensor.
 #[derive(Clone, Copy, Debug)]
-pub struct Camera<'a> {
-    /// Its tables.
+pub struct CalibrationTables<'a> {
+    /// The tables.
     pub calibration: &'a Calibration,
     /// Schedule time of the tensor's first frame.
     pub schedule: i64,
 }
 
-impl Camera<'_> {
+impl CalibrationTables<'_> {
     /// Exposures along row y of frame t, for ever.
     pub fn exposures(&self, t: usize, y: usize) -> impl Iterator<Item = f32> {
         self.calibration.row(self.schedule.wrapping_add(t as i64), y).iter().copied().cycle()
@@ -53,7 +53,7 @@ struct Irradiance<'a, R> {
 
 impl<R: Real> Task for Irradiance<'_, R> {
     #[inline(always)]
-    fn run<T: Target>(self, _: T) {
+    fn run<T: SimdToken>(self, _: T) {
         let n = self.exposures.len();
         for (results, measured) in self.results.chunks_mut(n).zip(self.measured.chunks(n)) {
             for ((result, &measured), &exposure) in results.iter_mut().zip(measured).zip(self.exposures) {
@@ -120,7 +120,7 @@ struct InverseOfAll<'a, R>(Tone<R>, &'a mut [R]);
 
 impl<R: Real> Task for InverseOfAll<'_, R> {
     #[inline(always)]
-    fn run<T: Target>(self, _: T) {
+    fn run<T: SimdToken>(self, _: T) {
         let Self(tone, values) = self;
         for value in values {
             *value = tone.inverse(value.at_least(R::ZERO).at_most(R::ONE));
@@ -132,7 +132,7 @@ struct OfAll<'a, R>(Tone<R>, &'a mut [R]);
 
 impl<R: Real> Task for OfAll<'_, R> {
     #[inline(always)]
-    fn run<T: Target>(self, _: T) {
+    fn run<T: SimdToken>(self, _: T) {
         let Self(tone, values) = self;
         for value in values {
             *value = tone.of(*value);

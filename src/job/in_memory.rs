@@ -7,16 +7,16 @@ use crate::synth::{Report, ResultFrame};
 use crate::video::Video;
 
 /// Keeps all frames.
-pub struct Memory(Video);
+pub struct InMemory(Video);
 
-impl Memory {
+impl InMemory {
     /// Room for so many frames.
     pub fn new(frames: usize, Extent { height, width }: Extent) -> Self {
         Self(Video::black(frames, height, width))
     }
 }
 
-impl Sink for Memory {
+impl Sink for InMemory {
     type Output = Video;
 
     fn take(&mut self, result: &ResultFrame) -> Result<()> {
