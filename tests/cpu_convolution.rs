@@ -16,6 +16,7 @@ fn no_camera() -> Calibration {
         cols: 1,
         exposures: vec![1.0],
         inverse_response: vec![0.0, 1.0],
+        placement: pix2hdr::sensor::Placement::WHOLE,
         symmetries: vec![pix2hdr::sensor::Symmetry::IDENTITY],
     }
 }

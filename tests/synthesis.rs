@@ -2,8 +2,10 @@
 
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Model, Plan, Precision, presets};
-use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use pix2hdr::synth::{Backend, ExecutorChoice, Settings, Synthesizer, check_fits};
+use pix2hdr::sensor::{
+    Capture, CaptureInfo, Form, Noise, Orientation, Pattern, PatternSpec, Sampler, Timing,
+};
+use pix2hdr::synth::{Backend, ExecutorChoice, Settings, Skip, Synthesizer, check_fits};
 use pix2hdr::video::Video;
 
 fn model(preset: &str) -> Model {
@@ -147,4 +149,105 @@ fn values_that_are_no_numbers_stay_out() {
     let mut result = vec![0.0; plan.result.shape.len()];
     executor.run(&measurement, 0, &mut result).unwrap();
     assert!(result.iter().all(|p| p.is_finite()));
+}
+
+/// What a camera that is turned shows of [t, y, x] values, in the rectangle of [rows, columns] from `at` on.
+fn shown(
+    values: &[f32],
+    sensor: [usize; 2],
+    orientation: Orientation,
+    at: [usize; 2],
+    [rows, cols]: [usize; 2],
+) -> Vec<f32> {
+    let turned = Orientation::turned(sensor, orientation.transposes());
+    let pixels: Vec<usize> = (at[0]..at[0] + rows)
+        .flat_map(|y| (at[1]..at[1] + cols).map(move |x| [y, x]))
+        .map(|place| orientation.sensor_place(turned, place))
+        .map(|[v, u]| v * sensor[1] + u)
+        .collect();
+    values.chunks(sensor[0] * sensor[1]).flat_map(|frame| pixels.iter().map(|&pixel| frame[pixel])).collect()
+}
+
+/// What a crop, turned or not, of a recording gives is the crop of what the recording gives: to the bit, where that depends
+/// on nothing outside. Every built-in net, from origins that are no multiple of anything.
+#[test]
+fn a_crop_by_any_origin_gives_the_same_bits() {
+    for preset in presets::all().into_iter().filter(|preset| preset.trained) {
+        let model = model(preset.name);
+        let camera = Sampler::new(Pattern::built_in(&model.graph.pattern).unwrap(), Form::Linear).unwrap();
+        let ([_, gy, gx], [_, ry, rx]) = (model.graph.granularity().unwrap(), model.graph.reach().unwrap());
+        // The reach is that of a whole block of the net's grid, in which a pixel can lie anywhere.
+        let reach = (ry + gy - 1).max(rx + gx - 1);
+        let side = (2 * reach + 18).next_multiple_of(gy.max(gx).max(4));
+        let capture = camera.sample(&truth(3, side, side)).unwrap();
+        let whole = synthesise(&model, &capture, None);
+        for (at, orientation) in [([1, 3], Orientation::Normal), ([2, 9], Orientation::Rotate90)] {
+            let size = at.map(|at| side - at - 1);
+            let crop = synthesise(&model, &capture.shown(orientation, at, size).unwrap(), None);
+            let expected = shown(&whole.data, [side, side], orientation, at, size);
+            let mut compared = 0;
+            for (i, (value, expected)) in crop.data.iter().zip(&expected).enumerate() {
+                let place = [i / size[1] % size[0], i % size[1]];
+                if [0, 1].iter().all(|&axis| place[axis] >= reach && place[axis] + reach < size[axis]) {
+                    assert_eq!(value, expected, "{}, {orientation:?} from {at:?}: {place:?}", preset.name);
+                    compared += 1;
+                }
+            }
+            assert!(compared >= 3 * 25, "{}: {compared} pixels", preset.name);
+        }
+    }
+}
+
+/// A tile that was rolled by hand is the same as an origin, and neither skipping nor an ensemble minds where frames lie.
+#[test]
+fn placed_frames_go_all_ways() {
+    let model = model("tiny");
+    let mut camera = camera();
+    camera.noise = Noise::NONE;
+    let capture = camera.sample(&truth(24, 48, 64)).unwrap();
+    let crop = capture.shown(Orientation::Transpose, [3, 1], [45, 31]).unwrap();
+    let plain = synthesise(&model, &crop, None);
+    assert_eq!(synthesise(&model, &crop, Some(16)).data, plain.data, "tiles");
+    // The same tile, written down as the crop shows it, is recognised.
+    let tile = crop.pattern.clone().named("rolled");
+    let info = CaptureInfo {
+        pattern: PatternSpec::of(&tile),
+        tile_origin: [0, 0],
+        orientation: Orientation::Normal,
+        ..crop.info.clone()
+    };
+    let named = Capture::new(info, [24, 45, 31], crop.counts.clone(), None).unwrap();
+    assert_eq!(check_fits(&model, &named.recording()).unwrap(), None);
+    assert!(named.recording().sensor_pattern().samples_like(camera.pattern()));
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
+    for (settings, same) in [
+        (Settings { skip: Skip::Exact, ..Settings::default() }, true),
+        (Settings { skip: Skip::Bounded(0.002), ..Settings::default() }, false),
+        (Settings { ensemble: 8, ..Settings::default() }, false),
+    ] {
+        let mut synthesizer =
+            Synthesizer::new(&model, crop.calibration(), [45, 31], &backend, &settings).unwrap();
+        let mut frames = 0;
+        let report = synthesizer
+            .stream(&mut *crop.frames(), 0, |result| {
+                if same {
+                    assert_eq!(result.frame.values(), plain.frame(result.number));
+                }
+                if let Some((active, slab)) = &result.computed {
+                    let cells = result.cell.map(|side| side);
+                    assert_eq!(
+                        active.extent()[1..],
+                        [45usize.div_ceil(cells[0]), 31usize.div_ceil(cells[1])]
+                    );
+                    assert_eq!(active.slab(*slab).len(), active.extent()[1] * active.extent()[2]);
+                }
+                frames += 1;
+                Ok(())
+            })
+            .unwrap();
+        assert_eq!(frames, 24);
+        if let Some(skipped) = report.skipping {
+            assert_eq!(skipped.computed.len(), skipped.grid[0] * skipped.grid[1]);
+        }
+    }
 }

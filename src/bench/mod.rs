@@ -6,6 +6,7 @@
 
 mod check;
 mod clip;
+mod detection;
 mod floors;
 mod frontier;
 mod machine;
@@ -26,6 +27,7 @@ impl ModuleError for CheckFailed {}
 
 pub use check::Oracle;
 pub use clip::Clip;
+pub use detection::{DetectionRate, detection};
 pub use floors::{Floors, Peak, Work};
 pub use frontier::frontier;
 pub use machine::{Machine, ProcessorPeak};

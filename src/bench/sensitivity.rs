@@ -143,7 +143,9 @@ fn with_dropped_frames(sound: &Capture) -> Vec<Disturbed> {
     // Those behind a frame that is dropped come too early, and the last one fills up the end.
     let kept: Vec<usize> = (0..sound.frames).filter(|&t| !is_dropped(t)).collect();
     let mut early = sound.clone();
-    early.counts = sound.counts.gather(|i| kept[(i / len).min(kept.len() - 1)] * len + i % len);
+    early.counts = sound
+        .counts
+        .gather((0..sound.counts.len()).map(|i| kept[(i / len).min(kept.len() - 1)] * len + i % len));
     let mut marked = sound.clone();
     marked.counts = replaced(sound, |t, _| is_dropped(t).then_some(MISSING));
     marked.info.missing_count = Some(MISSING);

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::network;
-use crate::sensor::{CameraModel, Defects, Form, Pattern, PatternSpec, Response, Sampler, Timing};
+use crate::sensor::{
+    CameraModel, Defects, Form, Orientation, Pattern, PatternSpec, Placement, Response, Sampler, Timing,
+};
 use crate::synth::{self, ExecutorChoice, Settings};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
@@ -155,9 +157,31 @@ pub struct Camera {
     /// Schedule time of the first frame [default: 0]
     #[arg(long, allow_hyphen_values = true, value_name = "FRAME")]
     pub schedule_start: Option<i64>,
+    /// How frames lie on the sensor.
+    #[command(flatten)]
+    pub placement: PlacementOptions,
     /// Seed of every random draw
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+}
+
+/// How frames lie on the sensor.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub struct PlacementOptions {
+    /// Row and column of the pattern's tile, as frames show it, at which their first pixel lies: what a crop begins with
+    /// [default: 0,0]
+    #[arg(long, value_parser = parse_place, value_name = "ROW,COLUMN")]
+    pub tile_origin: Option<[usize; 2]>,
+    /// How frames were turned against the sensor [default: normal]
+    #[arg(long, value_enum)]
+    pub orientation: Option<Orientation>,
+}
+
+/// Parses a row and a column.
+fn parse_place(text: &str) -> std::result::Result<[usize; 2], String> {
+    let number = |text: &str| text.trim().parse().map_err(|_| "expected ROW,COLUMN, such as 1,3".to_owned());
+    let (row, column) = text.split_once(',').unwrap_or((text, ""));
+    Ok([number(row)?, number(column)?])
 }
 
 /// A response that was named on the command line.
@@ -215,13 +239,27 @@ impl Camera {
         let mut sampler = camera.sampler(Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?)?;
         sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
         sampler.schedule_start = self.schedule_start.unwrap_or(sampler.schedule_start);
+        sampler.placement = Placement {
+            tile_origin: self.placement.tile_origin.unwrap_or_default(),
+            orientation: self.placement.orientation.unwrap_or_default(),
+        };
         sampler.seed = self.seed;
         Ok(sampler)
     }
 
     /// What was said of the camera as keys of `capture.json`, in place of those that a capture has.
     pub fn keys(&self) -> Result<Map<String, Value>> {
-        let Self { pattern, response, hold, schedule_start, bit_depth, pedestal, frame_period, .. } = self;
+        let Self {
+            pattern,
+            response,
+            hold,
+            schedule_start,
+            bit_depth,
+            pedestal,
+            frame_period,
+            placement,
+            ..
+        } = self;
         let given = CaptureOptions {
             pattern: pattern.clone(),
             response: response.clone(),
@@ -230,6 +268,7 @@ impl Camera {
             bit_depth: *bit_depth,
             black_level: pedestal.map(f64::from),
             frame_period_ms: *frame_period,
+            placement: *placement,
             ..CaptureOptions::default()
         };
         given.keys()
@@ -248,6 +287,9 @@ pub struct CaptureOptions {
     /// Schedule time of the first frame
     #[arg(long, allow_hyphen_values = true, value_name = "FRAME")]
     pub schedule_start: Option<i64>,
+    /// How frames lie on the sensor.
+    #[command(flatten)]
+    pub placement: PlacementOptions,
     /// Bits that carry information
     #[arg(long)]
     pub bit_depth: Option<u32>,
@@ -303,6 +345,8 @@ impl CaptureOptions {
             }),
         );
         set("schedule_start", self.schedule_start.map(Value::from));
+        set("tile_origin", self.placement.tile_origin.map(|place| place.to_vec().into()));
+        set("orientation", self.placement.orientation.map(|orientation| to_json(&orientation)).transpose()?);
         set("bit_depth", self.bit_depth.map(Value::from));
         set("black_level", self.black_level.map(Value::from));
         set("white_level", self.white_level.map(Value::from));

@@ -58,7 +58,7 @@ impl Fingerprinted for Job<'_> {
 impl<'a> Job<'a> {
     /// Loads the net, chooses where it runs, and makes it ready for the recording.
     pub fn new(source: Box<dyn Source + 'a>, settings: Settings) -> Result<Self> {
-        let model = settings.model(&source.recording().pattern)?;
+        let model = settings.model(&source.recording().sensor_pattern())?;
         let backend = settings.backend()?;
         Self::with(source, settings, model, backend)
     }

@@ -1,11 +1,11 @@
 //! What the kernels need to know about the camera, as tables.
 
-use super::{Pattern, Response, Schedule, Symmetry};
+use super::{Orientation, Pattern, Placement, Response, Schedule, Symmetry};
 
 /// Intervals of the table of R⁻¹: a multiple of 1023, so that every 10-bit level lies on a node.
 const INTERVALS: usize = 4 * 1023;
 
-/// Exposures and inverse response as tables that a kernel can index.
+/// Exposures, as a recording's frames show them, and inverse response as tables that a kernel can index.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     /// Frames after which the exposures repeat.
@@ -18,13 +18,20 @@ pub struct Calibration {
     pub exposures: Vec<f32>,
     /// R⁻¹ in p·frames at y = i/(n − 1), i = 0 … n − 1; linear in between. The last entry is x_sat.
     pub inverse_response: Vec<f32>,
-    /// Views in which the pattern looks as before; the first one is as it is.
+    /// How frames lie on the sensor.
+    pub placement: Placement,
+    /// Views in which the sensor's pattern looks as before; the first one is as it is.
     pub symmetries: Vec<Symmetry>,
 }
 
 impl Calibration {
-    /// Tables of a pattern and a response.
+    /// Tables of a sensor's pattern and a response.
     pub fn new(pattern: &Pattern, response: &Response) -> Self {
+        Self::placed(pattern, Placement::WHOLE, response)
+    }
+
+    /// Tables of the pattern that frames show, which lie on the sensor as `placement` says.
+    pub fn placed(pattern: &Pattern, placement: Placement, response: &Response) -> Self {
         let period = pattern.period();
         let exposures = (0..period)
             .flat_map(|t| {
@@ -39,8 +46,22 @@ impl Calibration {
             cols: pattern.cols(),
             exposures,
             inverse_response: (0..=INTERVALS).map(node).collect(),
-            symmetries: Symmetry::all_of(pattern),
+            placement,
+            symmetries: Symmetry::all_of(&placement.on_sensor(pattern)),
         }
+    }
+
+    /// Tables for the whole frames of the sensor.
+    #[must_use]
+    pub fn on_sensor(&self) -> Self {
+        let orientation = self.placement.orientation;
+        let tile @ [rows, cols] = Orientation::turned([self.rows, self.cols], orientation.transposes());
+        let mut exposures = self.exposures.clone();
+        let places = self.placement.tile_places(tile);
+        for (sensor, shown) in exposures.chunks_mut(places.len()).zip(self.exposures.chunks(places.len())) {
+            places.iter().zip(shown).for_each(|(&place, &exposure)| sensor[place] = exposure);
+        }
+        Self { rows, cols, exposures, placement: Placement::WHOLE, ..self.clone() }
     }
 
     /// Exposure in frames of the read-out that covers schedule time `t` at row `y`, column `x`.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Calibration, CaptureInfo, Pattern, Recording, Response, ResponseSpec, SensorError};
+use super::{Calibration, CaptureInfo, Orientation, Pattern, Recording, Response, ResponseSpec, SensorError};
 use crate::Result;
 use crate::video::npy::write_counts;
 use crate::video::{Counts, Video, atomic};
@@ -20,7 +20,7 @@ pub(super) fn described_in(array: &Path) -> PathBuf {
 pub struct Capture {
     /// What the file says about it.
     pub info: CaptureInfo,
-    /// When each pixel integrates.
+    /// When each pixel of a frame integrates.
     pub pattern: Pattern,
     /// From exposure to pixel value; saturates at the pattern's shortest exposure.
     pub response: Response,
@@ -59,6 +59,21 @@ impl Capture {
         }
     }
 
+    /// What of the same recording a camera shows that is turned and delivers a rectangle of [rows, columns] from `at` on.
+    /// Frames have to be the sensor's, and to end with its pattern's tile.
+    pub fn shown(&self, orientation: Orientation, at: [usize; 2], size: [usize; 2]) -> Result<Self> {
+        let turned = Orientation::turned([self.height, self.width], orientation.transposes());
+        let (len, whole) = (size[0] * size[1], self.height * self.width);
+        let places = (0..self.frames * len).map(|i| {
+            let [row, col] = [at[0] + i % len / size[1], at[1] + i % size[1]];
+            let [y, x] = orientation.sensor_place(turned, [row, col]);
+            i / len * whole + y * self.width + x
+        });
+        let counts = self.counts.gather(places);
+        let info = CaptureInfo { tile_origin: at, orientation, ..self.info.clone() };
+        Self::new(info, [self.frames, size[0], size[1]], counts, None)
+    }
+
     /// Writes `capture.npy` and `capture.json` into `folder`. Returns their paths.
     pub fn write(&self, folder: impl AsRef<Path>) -> Result<[PathBuf; 2]> {
         let [array, json] = Self::files(folder);
@@ -87,7 +102,7 @@ impl Capture {
 
     /// Tables for the kernels.
     pub fn calibration(&self) -> Calibration {
-        Calibration::new(&self.pattern, &self.response)
+        Calibration::placed(&self.pattern, self.info.placement(), &self.response)
     }
 
     /// Pixel values y in [0, 1] of frame `t`, [y, x], as they stand in the capture: its defects too.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::defects::Defects;
 use super::pattern::PatternTile;
-use super::{Form, Pattern, Response, SensorError};
+use super::{Form, Orientation, Pattern, Placement, Response, SensorError};
 use crate::Result;
 use crate::video::Counts;
 
@@ -32,6 +32,12 @@ pub struct CaptureInfo {
     /// Schedule time of the first frame.
     #[serde(default)]
     pub schedule_start: i64,
+    /// Row and column of the pattern's tile, as frames show it, at which their first pixel lies: what a crop begins with.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub tile_origin: [usize; 2],
+    /// How frames were turned against the sensor.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub orientation: Orientation,
     /// Bits that carry information.
     pub bit_depth: u32,
     /// Count at y = 0.
@@ -63,6 +69,26 @@ pub struct CaptureInfo {
 }
 
 impl CaptureInfo {
+    /// How frames lie on the sensor.
+    pub fn placement(&self) -> Placement {
+        Placement { tile_origin: self.tile_origin, orientation: self.orientation }
+    }
+
+    /// The pattern as frames show it. One that a built-in pattern shows in some placement becomes that one in it, so that
+    /// nets for it fit.
+    pub(super) fn shown_pattern(&mut self) -> Result<Pattern, SensorError> {
+        let pattern = self.pattern.pattern()?;
+        if self.placement() != Placement::WHOLE {
+            return Ok(self.placement().shown(&pattern));
+        }
+        if let Some((known, Placement { tile_origin, orientation })) = Placement::of_built_in(&pattern) {
+            (self.tile_origin, self.orientation) = (tile_origin, orientation);
+            self.pattern = PatternSpec::of(&known);
+            return Ok(pattern.named(known.name()));
+        }
+        Ok(pattern)
+    }
+
     /// Its defects in frames of [rows, columns], if it has any.
     pub(super) fn defects(
         &self,
@@ -103,6 +129,9 @@ impl CaptureInfo {
     }
 }
 
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
 fn covering() -> Timing {
     Timing::Covering
 }

@@ -245,6 +245,11 @@ impl Pattern {
         Ok(Self::built_in(name)?)
     }
 
+    /// The tile of [rows, columns] that the same pixels make in another order.
+    pub(super) fn rearranged(&self, [rows, cols]: [usize; 2], schedules: Vec<Schedule>) -> Self {
+        Self { name: self.name.clone(), rows, cols, schedules }
+    }
+
     /// The same pattern under another name.
     #[must_use]
     pub fn named(self, name: impl Into<String>) -> Self {

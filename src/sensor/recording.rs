@@ -12,7 +12,7 @@ use crate::frame::{Extent, Frame};
 pub struct Recording {
     /// What the file says about it.
     pub info: CaptureInfo,
-    /// When each pixel integrates.
+    /// When each pixel of a frame integrates.
     pub pattern: Pattern,
     /// From exposure to pixel value; saturates at the pattern's shortest exposure.
     pub response: Response,
@@ -39,8 +39,8 @@ pub trait Source: Send {
 
 impl Recording {
     /// Interprets `info` for frames of [rows, columns]; a response in a CSV file is looked for in `folder`.
-    pub fn new(info: CaptureInfo, [height, width]: [usize; 2], folder: Option<&Path>) -> Result<Self> {
-        let pattern = info.pattern.pattern()?;
+    pub fn new(mut info: CaptureInfo, [height, width]: [usize; 2], folder: Option<&Path>) -> Result<Self> {
+        let pattern = info.shown_pattern()?;
         let response = Response::new(info.response.form(folder)?, pattern.shortest_exposure() as f64)?;
         let fail = |problem: String| Err(SensorError::Capture(problem).into());
         if height < pattern.rows() || width < pattern.cols() {
@@ -85,6 +85,11 @@ impl Recording {
 
     /// Tables for the kernels.
     pub fn calibration(&self) -> Calibration {
-        Calibration::new(&self.pattern, &self.response)
+        Calibration::placed(&self.pattern, self.info.placement(), &self.response)
+    }
+
+    /// When each pixel of the sensor integrates: what a net was made for.
+    pub fn sensor_pattern(&self) -> Pattern {
+        self.info.placement().on_sensor(&self.pattern)
     }
 }

@@ -6,7 +6,7 @@ use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 
 use super::{Capture, CaptureInfo, PatternSpec, ResponseSpec, Timing};
-use super::{Form, Pattern, Readout, Recording, Response, SensorError};
+use super::{Form, Pattern, Placement, Readout, Recording, Response, SensorError};
 use crate::Result;
 use crate::video::Counts;
 use crate::video::Video;
@@ -49,6 +49,8 @@ pub struct Sampler {
     pub timing: Timing,
     /// Schedule time of the first frame.
     pub schedule_start: i64,
+    /// How frames lie on the sensor.
+    pub placement: Placement,
     /// Seed of the noise.
     pub seed: u64,
     /// Error of the black level that whoever reads the capture does not know of, as a fraction of white.
@@ -70,13 +72,14 @@ impl Sampler {
             frame_period_ms: 1.0,
             timing: Timing::Covering,
             schedule_start: 0,
+            placement: Placement::WHOLE,
             seed: 0,
             black_error: 0.0,
             gain_error: 0.0,
         })
     }
 
-    /// When each pixel integrates.
+    /// When each pixel of the sensor integrates.
     pub fn pattern(&self) -> &Pattern {
         &self.pattern
     }
@@ -99,6 +102,8 @@ impl Sampler {
             pattern: PatternSpec::of(&self.pattern),
             timing: self.timing,
             schedule_start: self.schedule_start,
+            tile_origin: self.placement.tile_origin,
+            orientation: self.placement.orientation,
             bit_depth: self.bit_depth,
             black_level: f64::from(self.black_level),
             white_level: self.white(),
@@ -169,7 +174,8 @@ impl Sampler {
         for (index, row) in counts.chunks_mut(width).enumerate() {
             rows[index % video.height].push(row);
         }
-        rows.par_iter_mut().enumerate().for_each(|(y, frames)| self.sample_row(video, y, frames));
+        let shown = Self { pattern: self.placement.shown(&self.pattern), ..self.clone() };
+        rows.par_iter_mut().enumerate().for_each(|(y, frames)| shown.sample_row(video, y, frames));
         Capture::new(self.info(), [video.frames, video.height, width], Counts::U16(counts), None)
     }
 

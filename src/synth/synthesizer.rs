@@ -14,6 +14,7 @@ use super::fit::{fit, lengths};
 use super::footage::{Footage, Seen};
 use super::layout::Layout;
 use super::line::{Done, Line, ResultFrame, Submitted};
+use super::on_sensor::{Laid, OnSensor};
 use super::pool::Pool;
 use super::report::Report;
 use super::settings::Settings;
@@ -29,7 +30,11 @@ use crate::{Error, Result};
 /// A model made ready for recordings of one size.
 pub struct Synthesizer {
     window: Window,
+    /// As recordings are to have it.
     calibration: Calibration,
+    /// Where their frames lie in those of the sensor, whose calibration and extent these are.
+    place: OnSensor,
+    sensor: Calibration,
     extent: Extent,
     grid: Grid,
     pool: Pool,
@@ -53,7 +58,7 @@ const WAITING_BYTES: usize = 64 << 20;
 /// Checks that `model` was made for what `recording` holds. A different pattern is refused, a different response is
 /// a warning, which is returned.
 pub fn check_fits(model: &Model, recording: &Recording) -> Result<Option<String>> {
-    model.check_pattern(&recording.pattern)?;
+    model.check_pattern(&recording.sensor_pattern())?;
     let response = serde_json::to_value(recording.response.form()).unwrap_or_default();
     let trained = &model.trained.response;
     let named = |response: &Value| match response.get("table").and_then(Value::as_array) {
@@ -71,7 +76,7 @@ pub fn check_fits(model: &Model, recording: &Recording) -> Result<Option<String>
 }
 
 impl Synthesizer {
-    /// Makes `model` ready for frames of `extent` of a camera, to run on `backend`. `settings` say the rest: tiles, skipping,
+    /// Makes `model` ready for frames of `extent` that `calibration` says where they lie on the sensor of a camera, to run on `backend`. `settings` say the rest: tiles, skipping,
     /// windows and ensemble.
     pub fn new(
         model: &Model,
@@ -80,22 +85,24 @@ impl Synthesizer {
         backend: &Backend,
         settings: &Settings,
     ) -> Result<Self> {
-        let extent = extent.into();
         model.graph.check_renders_video()?;
         let skip = settings.skip;
-        let poses = poses(&model.graph, &calibration, settings.ensemble)?;
-        let lengths = lengths(&model.graph, &calibration, settings)?;
+        let sensor = calibration.on_sensor();
+        let exact = Cut::exact(&model.graph, &sensor)?;
+        let place = OnSensor::new(&calibration, extent.into(), exact.unit());
+        let extent = place.extent();
+        let poses = poses(&model.graph, &sensor, settings.ensemble)?;
+        let lengths = lengths(&model.graph, &sensor, settings)?;
         let limits = backend.limits(settings.tile);
-        let (model, grid) = &fit(model, &calibration, extent, limits, &lengths)?;
+        let (model, grid) = &fit(model, &sensor, extent, limits, &lengths)?;
         let (hop, step, grid) = (model.graph.window.hop, lengths.step, grid.clone());
-        let exact = Cut::exact(&model.graph, &calibration)?;
-        let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &calibration);
+        let cells = Cells::new(lengths.cell.min(hop), hop, grid.extent(), &sensor);
         let spread = skip.spread(&cells, exact.halo());
         let cut = if matches!(skip, Skip::Bounded(_)) { exact.bounded() } else { exact };
         let layout = Layout::new(model, cut, &cells, &grid)?;
         let whole = layout.whole(hop);
         let streams = limits.stream(model, &grid, &poses)?.then(|| whole[0].size());
-        let mut pool = Pool::new(backend, model, &calibration, streams, poses);
+        let mut pool = Pool::new(backend, model, &sensor, streams, poses);
         // What cannot work is said before anything is read. All tiles have one size.
         let (executor, flop) = pool.describe(whole[0].size())?;
         let flop = flop * whole.len() as f64 / hop as f64;
@@ -104,6 +111,8 @@ impl Synthesizer {
         Ok(Self {
             window,
             calibration,
+            place,
+            sensor,
             extent,
             grid,
             pool,
@@ -121,6 +130,11 @@ impl Synthesizer {
     /// The tiles.
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// Whether a window's results are the recording's frames as they are: neither moved nor turned, nor of tiles.
+    pub fn whole_frames(&self) -> bool {
+        self.place.whole() && self.grid.count() == 1
     }
 
     /// The windows.
@@ -162,21 +176,26 @@ impl Synthesizer {
         from: usize,
         mut sink: impl FnMut(ResultFrame) -> Result<()> + Send,
     ) -> Result<Report> {
-        let recording = source.recording().clone();
-        if recording.extent() != self.extent || recording.calibration() != self.calibration {
+        let recording = source.recording();
+        if self.place.frame() != recording.extent() || recording.calibration() != self.calibration {
             return Err(SensorError::Capture(
                 "not the size or camera that the synthesis was made for".into(),
             )
             .into());
         }
         let begun = Instant::now();
-        let (calibration, padded) = (self.calibration.clone(), Extent::from(self.grid.extent()));
+        let place = self.place;
+        let mut source = Laid::new(source, place);
+        let recording = source.recording().clone();
+        let (calibration, padded) = (self.sensor.clone(), Extent::from(self.grid.extent()));
         let waiting = (WAITING_BYTES / (4 * padded.pixels())).clamp(2, 64);
         std::thread::scope(|scope| {
             let (send_frame, arriving) = sync_channel(waiting);
-            scope.spawn(move || read(source, &calibration, padded, &send_frame));
+            scope.spawn(move || read(&mut source, &calibration, padded, &send_frame));
             let (deliver, finished) = sync_channel::<ResultFrame>(waiting);
-            let writer = scope.spawn(move || -> Result<()> { finished.iter().try_for_each(&mut sink) });
+            let writer = scope.spawn(move || -> Result<()> {
+                finished.iter().map(|result| place.result(result)).try_for_each(&mut sink)
+            });
             let compute = || self.compute(&recording, from, arriving, deliver);
             let outcome = catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|_| {
                 self.pool.clear();
@@ -186,6 +205,7 @@ impl Synthesizer {
             let written = writer.join().map_err(|_| Error::Panicked("writes frames"))?;
             written?;
             let mut report = outcome?;
+            report.skipping = report.skipping.map(|skipped| place.skipped(skipped));
             report.wall = begun.elapsed();
             Ok(report)
         })
@@ -200,12 +220,11 @@ impl Synthesizer {
         deliver: SyncSender<ResultFrame>,
     ) -> Result<Report> {
         self.pool.reset();
-        let Self { window, calibration, grid, pool, cells, skip, layout, step, extent, spread, stop, .. } =
-            self;
+        let Self { window, sensor, grid, pool, cells, skip, layout, step, extent, spread, stop, .. } = self;
         let start = recording.info.schedule_start;
-        let mut footage = Footage::new(arriving, calibration, start);
+        let mut footage = Footage::new(arriving, sensor, start);
         let rules = Rules { skip: *skip, cells, window: *window, spread: *spread };
-        let mut gate = Gate::new(rules, recording, calibration, from);
+        let mut gate = Gate::new(rules, recording, sensor, from);
         let mut skipped = gate.skipped();
         let (mut count, mut gating) = (0u32, Duration::ZERO);
         let keeps = skipped.is_some();

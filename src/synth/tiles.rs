@@ -160,6 +160,11 @@ impl Cut {
         Ok(Self { unit, halo })
     }
 
+    /// Rows and columns that tiles begin at multiples of.
+    pub fn unit(&self) -> [usize; 2] {
+        self.unit
+    }
+
     /// With what results depend on noticeably, which was measured (docs/skipping.md). Through layer after layer,
     /// influence spreads like a random walk, with the root of their number, while the reach grows with the number.
     #[must_use]

@@ -46,10 +46,14 @@ pub fn stand_in(calibration: &Calibration, start: i64, frames: usize, t: i64) ->
         .unwrap_or(inside) as usize
 }
 
-/// The row (or column) of a frame of `len` that stands in for row `i` ≥ 0: itself, or the last one at the same
-/// place of the pattern's tile, which repeats every `tile`.
-pub fn stand_in_row(len: usize, tile: usize, i: usize) -> usize {
-    if i < len { i } else { i - (i + 1 - len).div_ceil(tile) * tile }
+/// The row (or column) of a frame of `len` that stands in for row `i`: itself, or the nearest one at the same place of the
+/// pattern's tile, which repeats every `tile`.
+pub fn stand_in_row(len: usize, tile: usize, i: i64) -> usize {
+    match usize::try_from(i) {
+        Ok(i) if i < len => i,
+        Ok(i) => i - (i + 1 - len).div_ceil(tile) * tile,
+        Err(_) => i.rem_euclid(tile as i64) as usize,
+    }
 }
 
 /// A frame of pixel values, extended to `wanted` by pixels at the same place of the pattern.
@@ -60,8 +64,8 @@ pub fn padded(frame: Frame, calibration: &Calibration, wanted: Extent) -> Frame 
     }
     let mut padded = Vec::with_capacity(wanted.pixels());
     for y in 0..wanted.height {
-        let row = &frame.values()[stand_in_row(height, calibration.rows, y) * width..][..width];
-        padded.extend((0..wanted.width).map(|x| row[stand_in_row(width, calibration.cols, x)]));
+        let row = &frame.values()[stand_in_row(height, calibration.rows, y as i64) * width..][..width];
+        padded.extend((0..wanted.width).map(|x| row[stand_in_row(width, calibration.cols, x as i64)]));
     }
     Frame::new(wanted, frame.time(), padded)
 }
@@ -115,10 +119,12 @@ mod tests {
     #[test]
     fn rows_stand_in_for_the_same_place_of_the_tile() {
         for (len, tile) in [(5, 2), (4, 4), (7, 4), (2, 2)] {
-            for i in 0..len + 16 {
+            for i in -16..len as i64 + 16 {
                 let row = stand_in_row(len, tile, i);
-                assert!(row < len && row % tile == i % tile);
-                assert!(i >= len || row == i);
+                assert!(row < len && row % tile == i.rem_euclid(tile as i64) as usize);
+                let distance = (i - row as i64).unsigned_abs() as usize;
+                let outside = (-i).max(i + 1 - len as i64).max(0) as usize;
+                assert_eq!(distance, outside.next_multiple_of(tile));
             }
         }
     }

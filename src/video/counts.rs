@@ -58,12 +58,12 @@ impl Counts {
         }
     }
 
-    /// An array of the same extents whose value `i` is this one's value `source(i)`.
+    /// The values at `places`, in their order.
     #[must_use]
-    pub fn gather(&self, source: impl Fn(usize) -> usize) -> Self {
+    pub fn gather(&self, places: impl Iterator<Item = usize>) -> Self {
         match self {
-            Self::U8(values) => Self::U8((0..values.len()).map(|i| values[source(i)]).collect()),
-            Self::U16(values) => Self::U16((0..values.len()).map(|i| values[source(i)]).collect()),
+            Self::U8(values) => Self::U8(places.map(|i| values[i]).collect()),
+            Self::U16(values) => Self::U16(places.map(|i| values[i]).collect()),
         }
     }
 

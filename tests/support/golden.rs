@@ -60,6 +60,7 @@ fn read(folder: &Path, name: &str) -> Golden {
             cols: parse(&metadata["cols"]),
             exposures: parse(&metadata["exposures"]),
             inverse_response: parse(&metadata["inverse_response"]),
+            placement: pix2hdr::sensor::Placement::WHOLE,
             symmetries: vec![pix2hdr::sensor::Symmetry::IDENTITY],
         },
         schedule: parse(&metadata["schedule_time"]),

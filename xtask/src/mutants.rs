@@ -21,7 +21,14 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 23] = [
+const MUTANTS: [Mutant; 24] = [
+    Mutant {
+        what: "a crop is moved by its place in the pattern's tile alone, not in the net's grid",
+        file: "src/synth/on_sensor.rs",
+        sound: "tile_origin[axis] % unit[axis]",
+        faulty: "tile_origin[axis] % tile[axis]",
+        test: ["synthesis", "a_crop_by_any_origin_gives_the_same_bits"],
+    },
     Mutant {
         what: "padding is off by one",
         file: "src/cpu/conv3d.rs",

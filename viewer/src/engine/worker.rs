@@ -190,13 +190,13 @@ impl Worker {
         })
     }
 
-    /// Begins to keep results on the GPU, if it draws the window and computes whole frames: tiles, skipped cells and the
-    /// views of an ensemble are put together in main memory.
+    /// Begins to keep results on the GPU, if it draws the window and computes whole frames: tiles, skipped cells, the
+    /// views of an ensemble and frames of a crop are put together in main memory.
     fn keep_results(&self, synthesizer: &Synthesizer) -> Option<Arc<Results>> {
         let Some(Backend::Gpu(gpu, _)) = &self.backend else { return None };
         let results = gpu.results()?;
         let Dials { skip, ensemble, .. } = self.dials;
-        let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.grid().count() == 1;
+        let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.whole_frames();
         results.begin(whole);
         whole.then(|| Arc::clone(results))
     }
@@ -214,7 +214,7 @@ impl Worker {
             "shown as it is".clone_into(&mut lock(&self.visible.status).executor);
             return Ok(());
         };
-        let mut model = Model::load_for(&self.dials.weights, &recording.pattern)?;
+        let mut model = Model::load_for(&self.dials.weights, &recording.sensor_pattern())?;
         let warning = check_fits(&model, &recording)?;
         let &Dials { skip, side, hop, ensemble, .. } = &self.dials;
         let backend = match self.backend.take() {
