@@ -1,26 +1,9 @@
 // box_estimate: the (1 2 1)ᵀ(1 2 1)-weighted mean of irradiance R⁻¹(y)/e over the 3×3 neighbours, borders mirrored,
 // saturated pixels left out unless all nine are (design §4, box filter).
-//
-// One invocation computes one pixel.
 
-//!include common/dispatch.wgsl
-//!include common/calibration.wgsl
+//!include common/pixelwise.wgsl
 
 const SATURATED: f32 = 0.98; //!parameter
-
-struct Geometry {
-    invocations: i32,
-    // The output's first frame in the window.
-    first_frame: i32,
-    measurement_offset: i32,
-    output_y: i32,
-    output_x: i32,
-    output_offset: i32,
-}
-
-@group(1) @binding(0) var<uniform> geometry: Geometry;
-@group(1) @binding(1) var<storage, read> measurement: array<f32>;
-@group(1) @binding(2) var<storage, read_write> output: array<f32>;
 
 // Position i of n, mirrored at the borders: −1 → 1 and n → n − 2; a size of 1 repeats.
 fn mirrored(i: i32, n: i32) -> i32 {
@@ -40,21 +23,18 @@ fn box_estimate(
     }
     let height = geometry.output_y;
     let width = geometry.output_x;
-    let x = pixel % width;
-    let y = pixel / width % height;
-    let t = pixel / (width * height);
+    let place = place_of(pixel);
 
     var sum = 0.0;
     var weight = 0.0;
     var sum_all = 0.0;
     for (var dy = -1; dy <= 1; dy++) {
-        let near_y = mirrored(y + dy, height);
+        let near_y = mirrored(place.y + dy, height);
         for (var dx = -1; dx <= 1; dx++) {
-            let near_x = mirrored(x + dx, width);
-            let measured = measurement[geometry.measurement_offset + (t * height + near_y) * width + near_x];
+            let near_x = mirrored(place.x + dx, width);
+            let measured = measurement[geometry.measurement_offset + (place.t * height + near_y) * width + near_x];
             let w = f32((2 - abs(dy)) * (2 - abs(dx)));
-            let exposure = exposure_of(geometry.first_frame + t, near_y, near_x);
-            let weighted = w * (inverse_response_of(measured) / exposure);
+            let weighted = w * irradiance_of(measured, place.t, near_y, near_x);
             sum_all += weighted;
             if (measured < SATURATED) {
                 sum += weighted;

@@ -10,6 +10,8 @@ const INPUT_STRIDE: i32 = 1; //!parameter
 const OUTPUT_C: i32 = 2; //!parameter
 const OUTPUT_VECTORS: i32 = 1; //!parameter
 const OUTPUT_STRIDE: i32 = 1; //!parameter
+// Exposure of each channel.
+const RENDERED_EXPOSURES = array<f32, 1>(1.0); //!parameter
 
 struct Geometry {
     invocations: i32,
@@ -20,7 +22,6 @@ struct Geometry {
 @group(1) @binding(0) var<uniform> geometry: Geometry;
 @group(1) @binding(1) var<storage, read> input: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> output: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read> rendered_exposures: array<f32>;
 
 fn channel_of(channel: i32, pixel: i32) -> f32 {
     if (channel >= OUTPUT_C) {
@@ -31,7 +32,7 @@ fn channel_of(channel: i32, pixel: i32) -> f32 {
     if (channel < INPUT_C) {
         return y;
     }
-    return inverse_response_of(y) / rendered_exposures[i];
+    return inverse_response_of(y) / RENDERED_EXPOSURES[i];
 }
 
 @compute @workgroup_size(WORKGROUP_SIZE)

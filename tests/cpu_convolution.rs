@@ -130,8 +130,11 @@ fn check(cases: &[Case]) {
     for (seed, case) in cases.iter().enumerate() {
         let (x, added, step, output) = case.random(seed as u64);
         let expected = naive(&step, &x, &added, output);
-        let step = Arc::new(step);
-        let actual = evaluate(&Kernel::Convolution(step), &[x, added], output, &no_camera(), 0);
+        let kernel = match step.direction {
+            Direction::Forward => Kernel::Conv3d(Arc::new(step)),
+            Direction::Transposed => Kernel::ConvTranspose3d(Arc::new(step)),
+        };
+        let actual = evaluate(&kernel, &[x, added], output, &no_camera(), 0);
         for (index, (a, e)) in actual.data.iter().zip(&expected.data).enumerate() {
             assert!(
                 (a - e).abs() < 1e-11,

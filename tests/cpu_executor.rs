@@ -438,7 +438,7 @@ fn dense(model: &Model, plan: &Plan, measurement: &[f32]) -> Tensor<f64> {
     for node in &model.graph.nodes {
         let inputs: Vec<Tensor<f64>> = node.tensors().map(|name| tensors[name.as_str()].clone()).collect();
         let shape = shapes[node.name.as_str()];
-        let result = if node.op == Op::Concat {
+        let result = if matches!(node.op, Op::Concat(_)) {
             let pixel = |p: usize| {
                 inputs.iter().flat_map(move |x| x.data[p * x.shape.c..][..x.shape.c].iter().copied())
             };

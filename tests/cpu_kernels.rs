@@ -1,7 +1,10 @@
 //! The kernels on pixels, at f64, against their definitions written plainly.
 
 use pix2hdr::cpu::evaluate;
-use pix2hdr::network::{Channel, Feature, Kernel, Shape, Tensor};
+use pix2hdr::network::{
+    BlendStep, BoxEstimate, Channel, Feature, FeaturesStep, Fuse, InverseResponse, Kernel, LogIrradiance,
+    Shape, Tensor,
+};
 use pix2hdr::sensor::{Calibration, Form, Pattern, Response};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -71,7 +74,7 @@ fn box_estimate_is_a_weighted_mean_of_what_is_not_saturated() {
     {
         let shape = Shape::new(extent, 1);
         let y = random(shape, 0.0..top, 1).map(|v| v.min(1.0));
-        let estimate = run(&Kernel::BoxEstimate, std::slice::from_ref(&y), shape);
+        let estimate = run(&Kernel::BoxEstimate(BoxEstimate {}), std::slice::from_ref(&y), shape);
         assert_close(&estimate, |t, row, column, _| {
             let (mut sum, mut weight, mut sum_all) = (0.0, 0.0, 0.0);
             for dy in -1isize..=1 {
@@ -119,7 +122,7 @@ fn features_are_folded_blocks_of_channels() {
         let [bt, by, bx] = block;
         let n = channels.len();
         let output = Shape::new([4 / bt, 6 / by, 10 / bx], n * bt * by * bx);
-        let kernel = Kernel::Features { channels: channels.to_vec(), block, lead };
+        let kernel = Kernel::Features(FeaturesStep { channels: channels.to_vec(), block, lead });
         let mut inputs = vec![y.clone(), estimate.clone()];
         inputs.extend(given.then(|| logs.clone()));
         let features = run(&kernel, &inputs, output);
@@ -148,10 +151,13 @@ fn features_are_folded_blocks_of_channels() {
 fn log_irradiance_is_the_tone_of_the_irradiance() {
     let shape = Shape::new([3, 5, 9], 1);
     let y = random(shape, 0.0..1.3, 10).map(|v| v.min(1.0));
-    assert_close(&run(&Kernel::LogIrradiance, std::slice::from_ref(&y), shape), |t, row, column, _| {
-        let exposure = camera().exposure(SCHEDULE + t as i64, row, column) as f64;
-        tone(inverse_response(at(&y, t, row, column, 0)) / exposure)
-    });
+    assert_close(
+        &run(&Kernel::LogIrradiance(LogIrradiance {}), std::slice::from_ref(&y), shape),
+        |t, row, column, _| {
+            let exposure = camera().exposure(SCHEDULE + t as i64, row, column) as f64;
+            tone(inverse_response(at(&y, t, row, column, 0)) / exposure)
+        },
+    );
 }
 
 #[test]
@@ -162,7 +168,8 @@ fn blend_weighs_the_taps_that_lie_inside() {
     let weights = random(Shape::new([3, 4 / by, 9 / bx], n * by * bx), -0.5..0.5, 11);
     let logs = random(Shape { t: 6, y: 8, ..shape }, 0.0..1.0, 12);
     let estimate = random(shape, 0.0..1.0, 13);
-    let kernel = Kernel::Blend { block: [1, by, bx], taps: taps.into(), origin: [first_t, first_y] };
+    let kernel =
+        Kernel::Blend(BlendStep { block: [1, by, bx], taps: taps.into(), origin: [first_t, first_y] });
     let radiance = run(&kernel, &[weights.clone(), logs.clone(), estimate.clone()], shape);
     assert_close(&radiance, |t, row, column, _| {
         let pixel = row % by * bx + column % bx;
@@ -185,7 +192,7 @@ fn inverse_response_keeps_the_pixel_values() {
     let shape = Shape::new([2, 3, 5], 3);
     let y = random(shape, -0.2..1.2, 4);
     let exposures = [2.0, 4.0, 16.0];
-    let kernel = Kernel::InverseResponse { exposures: exposures.to_vec() };
+    let kernel = Kernel::InverseResponse(InverseResponse { exposures: exposures.to_vec() });
     let rendered = run(&kernel, std::slice::from_ref(&y), Shape { c: 6, ..shape });
     assert_close(&rendered, |t, row, column, c| match c {
         0..3 => at(&y, t, row, column, c),
@@ -197,7 +204,8 @@ fn inverse_response_keeps_the_pixel_values() {
 fn fuse_is_a_weighted_mean() {
     let weights = random(Shape::new([2, 3, 5], 3), 0.001..2.0, 5);
     let rendered = random(Shape::new([2, 3, 5], 6), 0.0..1.0, 6);
-    let radiance = run(&Kernel::Fuse, &[weights.clone(), rendered.clone()], Shape::new([2, 3, 5], 1));
+    let radiance =
+        run(&Kernel::Fuse(Fuse {}), &[weights.clone(), rendered.clone()], Shape::new([2, 3, 5], 1));
     assert_close(&radiance, |t, row, column, _| {
         let sum: f64 =
             (0..3).map(|i| at(&weights, t, row, column, i) * at(&rendered, t, row, column, 3 + i)).sum();

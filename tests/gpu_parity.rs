@@ -368,7 +368,7 @@ fn broken_shaders_are_caught() {
         ("conv_transpose3d", "STRIDE_Y + phase_y", "STRIDE_Y + phase_x"),
         ("conv_transpose3d", "abs(v)", "v"),
         ("inverse_response", "index + 1u", "index"),
-        ("inverse_response", "rendered_exposures[i]", "rendered_exposures[0]"),
+        ("inverse_response", "RENDERED_EXPOSURES[i]", "RENDERED_EXPOSURES[0]"),
         ("fuse", "WEIGHTS_C + i", "i"),
         ("log_irradiance", "first_frame + t", "first_frame"),
         ("features", "pixel_t + FRAME_OFFSETS", "pixel_t - FRAME_OFFSETS"),

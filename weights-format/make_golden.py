@@ -26,7 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "training"))
 from pix2hdr_training import presets  # noqa: E402
 from pix2hdr_training.export import canonical, net_from_weights, write_atomically, write_weights  # noqa: E402
 from pix2hdr_training.graph import GraphNet  # noqa: E402
-from pix2hdr_training.layout import FEATURE_CHANNELS, granularity, shapes  # noqa: E402
+from pix2hdr_training.layout import granularity, shapes  # noqa: E402
+from pix2hdr_training.operations import FEATURE_CHANNELS  # noqa: E402
 from pix2hdr_training.pattern import ExposureTable, exposure_table  # noqa: E402
 from pix2hdr_training.presets import conv  # noqa: E402
 from pix2hdr_training.response import InverseResponse  # noqa: E402

@@ -48,7 +48,7 @@ const TERM_VECTORS: i32 = 1; //!parameter
 
 // Whether there is a normalisation, something to add, and a largest value that the output can hold.
 const NORM: bool = false; //!parameter
-const ADD: bool = false; //!parameter
+const ADDED_GIVEN: bool = false; //!parameter
 const LIMITED: bool = false; //!parameter
 const LIMIT: f32 = 65504.0; //!parameter
 
@@ -154,7 +154,7 @@ fn epilogue(sum: vec4<f32>, vector: i32, pixel: i32) -> vec4<f32> {
     if (NORM) {
         v = v * terms[2 * TERM_VECTORS + vector] + terms[3 * TERM_VECTORS + vector];
     }
-    if (ADD) {
+    if (ADDED_GIVEN) {
         v += added_values(added[geometry.added_offset + pixel * ADDED_STRIDE + vector]);
     }
     return v;

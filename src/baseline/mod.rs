@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::cpu;
-use crate::network::{Kernel, Shape, Tensor};
+use crate::network::{BoxEstimate, Kernel, Shape, Tensor};
 use crate::sensor::Calibration;
 use crate::video::Video;
 
@@ -22,7 +22,8 @@ pub fn box_filter(measurement: &Video, calibration: &Calibration, schedule_start
     irradiance.data.par_chunks_mut(height * width).enumerate().for_each(|(t, output)| {
         let frame = Tensor { shape, data: measurement.frame(t).to_vec() };
         let schedule = schedule_start + t as i64;
-        let filtered = cpu::evaluate(&Kernel::BoxEstimate, &[frame], shape, calibration, schedule);
+        let filtered =
+            cpu::evaluate(&Kernel::BoxEstimate(BoxEstimate {}), &[frame], shape, calibration, schedule);
         output.copy_from_slice(&filtered.data);
     });
     irradiance

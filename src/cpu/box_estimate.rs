@@ -1,28 +1,44 @@
 //! `box_estimate`: the (1 2 1)ᵀ(1 2 1)-weighted mean of irradiance over the 3×3 neighbours.
 
-use super::Real;
-use super::calibration::CalibrationTables;
+use super::real::Real;
+use super::rounding::{QUOTIENT, U, irradiance_error};
+use super::twin::{Operands, Twin};
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use crate::network::SATURATED;
+use crate::network::{BoxEstimate, SATURATED, Tensor};
 
 /// Rows that one task computes; it reads the two rows beside them too.
 const ROWS: usize = 16;
 
-/// The mean of R⁻¹(y)/e of the measured values y.
-pub fn run<R: Real>(
-    measurement: TensorView<'_, R>,
-    output: TensorViewMut<'_, R>,
-    tables: CalibrationTables<'_>,
-    scratch: &ScratchPool<R>,
-) {
-    box_filter(measurement, output, scratch, |t, y, line| {
-        tables.irradiance(t, y, measurement.line(t, y), line);
-    });
+impl Twin for BoxEstimate {
+    fn run<R: Real>(&self, operands: &Operands<'_, R>, output: TensorViewMut<'_, R>) {
+        let Operands { tables, scratch, .. } = *operands;
+        let measurement = operands.input(0);
+        box_filter(measurement, output, scratch, |t, y, line| {
+            tables.irradiance(t, y, measurement.line(t, y), line);
+        });
+    }
+
+    fn bound(&self, operands: &Operands<'_, f64>, output: &Tensor<f64>, _weights: f64) -> Tensor<f64> {
+        let Operands { tables, scratch, .. } = *operands;
+        let measurement = operands.input(0);
+        let mut error = Tensor::filled(output.shape, 0.0);
+        box_filter(measurement, TensorViewMut::dense(&mut error), scratch, |t, y, line| {
+            let values = line.iter_mut().zip(measurement.line(t, y)).zip(tables.exposures(t, y));
+            for ((error, &measured), exposure) in values {
+                *error = irradiance_error(tables.calibration, measured, exposure);
+            }
+        });
+        // Weights are powers of two: 8 additions of positive numbers and a quotient.
+        for (error, mean) in error.data.iter_mut().zip(&output.data) {
+            *error += (8.0 * U + QUOTIENT) * mean;
+        }
+        error
+    }
 }
 
 /// The weighted mean over the 3×3 neighbours, borders mirrored, saturated pixels left out unless all nine
 /// are. `values` writes the values along row y of frame t.
-pub(super) fn box_filter<R: Real>(
+fn box_filter<R: Real>(
     measurement: TensorView<'_, R>,
     output: TensorViewMut<'_, R>,
     scratch: &ScratchPool<R>,

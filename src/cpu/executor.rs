@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
+use super::call::KernelCall;
 use super::convolution::Packed;
-use super::twin::{KernelCall, pack};
+use super::convolution_twin::pack;
 use super::view::{ScratchPool, Spare, TensorView, TensorViewMut};
 use super::{Real, Simd};
 use crate::network::{

@@ -1,35 +1,22 @@
 //! `features`: the channels that a net sees of each pixel, with blocks of pixels folded into channels.
 
-use super::Real;
-use super::calibration::{CalibrationTables, Tone};
-use super::view::positions;
-use super::view::{ScratchPool, TensorView, TensorViewMut};
-use crate::network::{Channel, Feature, Fold, SATURATED};
+use std::f64::consts::LN_2;
 
-/// What is computed.
-#[derive(Clone, Copy, Debug)]
-pub struct Features<'a> {
-    /// Channels per pixel.
-    pub channels: &'a [Channel],
-    /// Block that is folded.
-    pub block: Fold,
-    /// Frames of the log irradiance before the first block.
-    pub lead: usize,
-}
+use super::calibration::Tone;
+use super::real::Real;
+use super::rounding::{log_error, log_irradiance_error, tone_error};
+use super::twin::{Operands, Twin};
+use super::view::{ScratchPool, TensorViewMut, positions};
+use crate::network::{Channel, Feature, FeaturesStep, Fold, SATURATED, Tensor};
 
-impl Features<'_> {
-    /// Fills all channels of all blocks, from the measurement, the estimate and the log irradiance.
-    pub fn run<R: Real>(
-        &self,
-        [measurement, estimate]: [TensorView<'_, R>; 2],
-        log_irradiance: Option<TensorView<'_, R>>,
-        output: TensorViewMut<'_, R>,
-        tables: CalibrationTables<'_>,
-        scratch: &ScratchPool<R>,
-    ) {
+impl Twin for FeaturesStep {
+    /// Fills all channels of all blocks, from the measurement, the estimate and, if given, the log irradiance.
+    fn run<R: Real>(&self, operands: &Operands<'_, R>, output: TensorViewMut<'_, R>) {
+        let Operands { inputs: [_, _, log_irradiance], tables, scratch, .. } = *operands;
+        let (measurement, estimate) = (operands.input(0), operands.input(1));
         let tone = Tone::new();
         let saturated = R::from_f64(SATURATED);
-        fold(self.channels, self.block, output, scratch, |Channel { feature, offset }, t, y, line| {
+        fold(&self.channels, self.block, output, scratch, |Channel { feature, offset }, t, y, line| {
             let measured = measurement.line(t, y);
             match feature {
                 Feature::Measurement => line.copy_from_slice(measured),
@@ -57,6 +44,26 @@ impl Features<'_> {
             }
         });
     }
+
+    fn bound(&self, operands: &Operands<'_, f64>, output: &Tensor<f64>, _weights: f64) -> Tensor<f64> {
+        let Operands { inputs: [_, _, log_irradiance], tables, scratch, .. } = *operands;
+        let (measurement, estimate) = (operands.input(0), operands.input(1));
+        let mut error = Tensor::filled(output.shape, 0.0);
+        let errors = |channel: Channel, t: usize, y: usize, line: &mut [f64]| {
+            let values = measurement.line(t, y).iter().zip(tables.exposures(t, y));
+            for (x, (error, (&measured, exposure))) in line.iter_mut().zip(values).enumerate() {
+                *error = match channel.feature {
+                    Feature::Measurement | Feature::Saturated => 0.0,
+                    Feature::LogIrradiance if log_irradiance.is_some() => 0.0,
+                    Feature::LogIrradiance => log_irradiance_error(tables.calibration, measured, exposure),
+                    Feature::LogEstimate => tone_error(estimate.line(t, y)[x], 0.0),
+                    Feature::LogExposure => log_error(exposure as f64) / LN_2,
+                };
+            }
+        };
+        fold(&self.channels, self.block, TensorViewMut::dense(&mut error), scratch, errors);
+        error
+    }
 }
 
 /// The frame that lies `offset` behind frame t, if it is one of `frames`.
@@ -66,7 +73,7 @@ pub(super) fn frame(frames: usize, t: usize, offset: i32) -> Option<usize> {
 
 /// Out channel ((dt·by + dy)·bx + dx)·n + i is channel i of pixel (dt, dy, dx) of a block. `values` writes a
 /// channel along row y of frame t.
-pub(super) fn fold<R: Real>(
+fn fold<R: Real>(
     channels: &[Channel],
     [bt, by, bx]: Fold,
     output: TensorViewMut<'_, R>,

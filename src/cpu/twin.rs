@@ -1,85 +1,40 @@
-//! Which twin computes a kernel.
+//! What a kernel is on a CPU: the twin of its shader.
 
-use super::blend::{Blend, Inputs};
 use super::calibration::CalibrationTables;
 use super::convolution::Packed;
 use super::real::Real;
-use super::simd::Simd;
 use super::view::{ScratchPool, TensorView, TensorViewMut};
-use super::{box_estimate, conv_transpose3d, conv3d, features, fuse, inverse_response, log_irradiance};
-use crate::network::{ConvolutionStep, Direction, Kernel, Shape, Tensor};
-use crate::sensor::Calibration;
+use crate::network::Tensor;
 
-/// Runs one kernel on dense tensors, which must have the shapes that the kernel wants.
-///
-/// `inputs` are those of a step, in its order, and `schedule` is the schedule time of the output's first
-/// frame, [`Step::schedule`](crate::network::Step::schedule).
-pub fn evaluate<R: Real>(
-    kernel: &Kernel,
-    inputs: &[Tensor<R>],
-    output_shape: Shape,
-    calibration: &Calibration,
-    schedule: i64,
-) -> Tensor<R> {
-    let mut output = Tensor::filled(output_shape, R::ZERO);
-    let packed = kernel.convolution().map(|step| pack(step, Simd::widest()));
-    let call = KernelCall {
-        kernel,
-        packed: packed.as_ref(),
-        calibration,
-        schedule,
-        scratch: &ScratchPool::default(),
-    };
-    call.run(|i| inputs.get(i).map(TensorView::dense), TensorViewMut::dense(&mut output));
-    output
-}
+/// Inputs of a kernel at most.
+pub const MAX_INPUTS: usize = 3;
 
-/// The packed weights of a convolution.
-pub(super) fn pack<R: Real>(step: &ConvolutionStep, simd: Simd) -> Packed<R> {
-    match step.direction {
-        Direction::Forward => conv3d::pack(step, simd),
-        Direction::Transposed => conv_transpose3d::pack(step, simd),
-    }
-}
-
-/// All that a kernel call needs besides its tensors.
-pub(super) struct KernelCall<'a, R> {
-    pub kernel: &'a Kernel,
+/// What a kernel is given besides its parameters and its output.
+#[derive(Clone, Copy)]
+pub struct Operands<'a, R> {
+    /// The inputs of the step, in its order.
+    pub inputs: [Option<TensorView<'a, R>>; MAX_INPUTS],
+    /// The camera's tables at the schedule time of the output's first frame.
+    pub tables: CalibrationTables<'a>,
+    /// Weights of a convolution.
     pub packed: Option<&'a Packed<R>>,
-    pub calibration: &'a Calibration,
-    pub schedule: i64,
+    /// Memory for what is needed in between.
     pub scratch: &'a ScratchPool<R>,
 }
 
-impl<R: Real> KernelCall<'_, R> {
-    /// Runs the kernel on the step's inputs, which `input` gives by number.
-    pub(super) fn run<'t>(
-        &self,
-        input: impl Fn(usize) -> Option<TensorView<'t, R>>,
-        output: TensorViewMut<'_, R>,
-    ) {
-        let Self { kernel, packed, calibration, schedule, scratch } = *self;
-        let tables = CalibrationTables { calibration, schedule };
-        let wanted = |i: usize| input(i).expect("a plan gives every kernel its inputs");
-        match kernel {
-            Kernel::BoxEstimate => box_estimate::run(wanted(0), output, tables, scratch),
-            Kernel::LogIrradiance => log_irradiance::run(wanted(0), output, tables),
-            Kernel::Features { channels, block, lead } => {
-                let features = features::Features { channels, block: *block, lead: *lead };
-                features.run([wanted(0), wanted(1)], input(2), output, tables, scratch);
-            }
-            Kernel::Convolution(_) => {
-                let packed = packed.expect("convolutions are packed");
-                packed.run(wanted(0), input(1), output, scratch);
-            }
-            Kernel::InverseResponse { exposures } => {
-                inverse_response::run(exposures, wanted(0), output, calibration);
-            }
-            Kernel::Fuse => fuse::run(wanted(0), wanted(1), output),
-            Kernel::Blend { block, taps, origin } => {
-                let inputs = Inputs { weights: wanted(0), logs: wanted(1), estimate: wanted(2) };
-                Blend { block: *block, taps, origin: *origin }.run(inputs, output, scratch);
-            }
-        }
+impl<'a, R: Real> Operands<'a, R> {
+    /// An input that every step of the kernel has.
+    pub fn input(&self, i: usize) -> TensorView<'a, R> {
+        self.inputs[i].expect("a plan gives every kernel its inputs")
     }
+}
+
+/// A kernel on a CPU, in f32 or f64.
+pub trait Twin {
+    /// Computes the output.
+    fn run<R: Real>(&self, operands: &Operands<'_, R>, output: TensorViewMut<'_, R>);
+
+    /// Bounds the error of each value of `output`, which [`run`](Self::run) has made of the operands at f64, before it is
+    /// stored: of what computes in f32 (`rounding.rs`) with weights whose unit round-off is `weights`.
+    fn bound(&self, operands: &Operands<'_, f64>, output: &Tensor<f64>, weights: f64) -> Tensor<f64>;
 }

@@ -1,12 +1,12 @@
 //! A step of a plan as what a GPU is given: a shader with its values, what it is bound to, and how often it runs.
 
 use super::GpuError;
-use super::shader::table::{self, KernelShader};
+use super::shader::bindings::{self, KernelShader};
 use super::shader::{Parameters, Shader, Value, specialise};
 use super::storage::{LARGEST_F16, TensorFormat, TensorFormats};
 use super::variant::{Abilities, Extent, Variant};
 use super::weights::{Packing, Terms, pack, stored, weight_units};
-use crate::network::{Activation, Channel, ConvolutionStep, Direction, Feature, Kernel, Step, View};
+use crate::network::{Activation, ConvolutionStep, Direction, Parameter, Step, View};
 use crate::sensor::Calibration;
 
 /// Invocations of a workgroup.
@@ -28,7 +28,6 @@ pub(super) struct Dispatch {
     /// Contents of those resources that belong to the step.
     pub weights: Vec<u8>,
     pub terms: Option<Terms>,
-    pub rendered_exposures: Vec<f32>,
 }
 
 impl Dispatch {
@@ -41,7 +40,7 @@ impl Dispatch {
         abilities: Abilities,
         variant: Option<Variant>,
     ) -> Result<Self, GpuError> {
-        let kernel = table::kernel(step.kernel.name());
+        let kernel = bindings::kernel(step.kernel.name());
         let mut inputs = step.inputs.clone();
         inputs.resize(kernel.inputs.len(), inputs[0]);
         let output_format = formats.of(&step.output);
@@ -49,59 +48,53 @@ impl Dispatch {
         assert!(convolution || output_format == TensorFormat::F32, "only convolutions write f16");
         let mut parameters = Parameters::default();
         set_calibration(&mut parameters, calibration);
-        for (name, view) in kernel.inputs.iter().zip(&inputs).chain([(&"output", &step.output)]) {
+        for (name, view) in kernel
+            .inputs
+            .iter()
+            .zip(&inputs)
+            .map(|(name, view)| (name.as_str(), view))
+            .chain([("output", &step.output)])
+        {
             set_view(&mut parameters, name, view, formats.of(view), formats.slot_bytes[view.slot])?;
         }
         parameters.set("first_frame", step.first_frame);
 
+        for (number, name) in kernel.inputs.iter().enumerate() {
+            parameters.set(&format!("{name}_given"), number < step.inputs.len());
+        }
+        for (name, value) in step.kernel.parameters() {
+            match value {
+                Parameter::Integer(value) => parameters.set(name, value),
+                Parameter::Axes(values) => parameters.set_axes(name, values),
+                Parameter::Integers(values) => parameters.set(name, Value::array("i32", values)),
+                Parameter::Floats(values) => parameters.set(name, Value::array("f32", values)),
+            }
+        }
+
         let output = step.output.shape;
-        let output_vectors = output.c.div_ceil(4);
         let (mut division, mut weights, mut terms) = (None, Vec::new(), None);
-        let mut rendered_exposures = Vec::new();
-        let invocations = match &step.kernel {
-            Kernel::BoxEstimate | Kernel::LogIrradiance | Kernel::Fuse => output.pixels(),
-            Kernel::Features { channels, block, lead } => {
-                parameters.set_axes("block", *block);
-                parameters.set("lead", *lead);
-                parameters.set("logs_given", step.inputs.len() > 2);
-                set_features(&mut parameters, channels);
-                output.pixels() * output_vectors
-            }
-            Kernel::Convolution(conv) => {
-                let Division { variant, extent } =
-                    *division.insert(Division::new(step, conv, abilities, variant));
-                set_convolution(&mut parameters, conv, step.inputs.len() > 1);
-                let [input, added] = [&inputs[0], &inputs[1]].map(|view| formats.of(view));
-                let read = [("input", input), ("added", added), ("weights", formats.weights)];
-                set_formats(&mut parameters, read, output_format, variant.wide);
-                let packing = set_division(&mut parameters, conv, variant, extent);
-                let units = weight_units(conv, formats.weights);
-                weights = stored(&pack(conv, packing, &units), formats.weights);
-                terms = Some(Terms::new(conv, packing, &units));
-                variant.teams(extent) * variant.lanes
-            }
-            Kernel::InverseResponse { exposures } => {
-                rendered_exposures.clone_from(exposures);
-                output.pixels() * output_vectors
-            }
-            Kernel::Blend { block, taps, origin: [t, y] } => {
-                parameters.set_axes("block", *block);
-                parameters.set("origin_t", *t);
-                parameters.set("origin_y", *y);
-                parameters.set("taps", taps.len());
-                for (axis, name) in ["tap_t", "tap_y", "tap_x"].into_iter().enumerate() {
-                    parameters.set(name, Value::array("i32", taps.iter().map(|tap| tap[axis])));
-                }
-                output.pixels()
-            }
-        };
+        // An invocation computes up to four channels of a pixel, but where blocks of results have invocations.
+        let mut invocations = output.pixels() * output.c.div_ceil(4);
+        if let Some(conv) = step.kernel.convolution() {
+            let Division { variant, extent } =
+                *division.insert(Division::new(step, conv, abilities, variant));
+            set_epilogue(&mut parameters, conv);
+            let [input, added] = [&inputs[0], &inputs[1]].map(|view| formats.of(view));
+            let read = [("input", input), ("added", added), ("weights", formats.weights)];
+            set_formats(&mut parameters, read, output_format, variant.wide);
+            let packing = set_division(&mut parameters, conv, variant, extent);
+            let units = weight_units(conv, formats.weights);
+            weights = stored(&pack(conv, packing, &units), formats.weights);
+            terms = Some(Terms::new(conv, packing, &units));
+            invocations = variant.teams(extent) * variant.lanes;
+        }
         checked(&step.name, invocations)?;
         let workgroups = fold(invocations.div_ceil(WORKGROUP_SIZE), abilities.max_workgroups);
         parameters.set("workgroup_size", WORKGROUP_SIZE);
         parameters.set("invocations", invocations);
         let shader = specialise(kernel.source(), &parameters);
         let extent = division.map(|division| division.extent);
-        Ok(Self { kernel, shader, inputs, workgroups, extent, weights, terms, rendered_exposures })
+        Ok(Self { kernel, shader, inputs, workgroups, extent, weights, terms })
     }
 }
 
@@ -183,27 +176,9 @@ fn set_view(
     Ok(())
 }
 
-/// The channels of a pixel: which feature each is, and how many frames later.
-fn set_features(parameters: &mut Parameters, channels: &[Channel]) {
-    // As features.wgsl has them.
-    let code = |feature| match feature {
-        Feature::Measurement => 0,
-        Feature::LogIrradiance => 1,
-        Feature::LogEstimate => 2,
-        Feature::Saturated => 3,
-        Feature::LogExposure => 4,
-    };
-    parameters.set("channels", channels.len());
-    parameters.set("features", Value::array("i32", channels.iter().map(|channel| code(channel.feature))));
-    parameters.set("frame_offsets", Value::array("i32", channels.iter().map(|channel| channel.offset)));
-}
-
-fn set_convolution(parameters: &mut Parameters, conv: &ConvolutionStep, add: bool) {
-    parameters.set_axes("kernel", conv.kernel);
-    parameters.set_axes("stride", conv.stride);
-    parameters.set_axes("padding", conv.padding);
+/// What follows the sum.
+fn set_epilogue(parameters: &mut Parameters, conv: &ConvolutionStep) {
     parameters.set("norm", conv.layer.norm.is_some());
-    parameters.set("add", add);
     // As activation.wgsl has them.
     let (activation, parameter) = match conv.activation {
         Activation::None => (0, 0.0),

@@ -292,7 +292,7 @@ impl Node {
 
     /// Whether nothing is computed, but inputs are put side by side.
     pub(super) fn is_concatenation(&self) -> bool {
-        self.op == Op::Concat
+        matches!(self.op, Op::Concat(_))
     }
 
     fn shape<'a>(

@@ -1,77 +1,23 @@
-//! What a step of a plan computes, and the parameters that operations and kernels share.
+//! Parameters that several operations and the kernels share.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-/// What a step computes.
-#[derive(Clone, Debug)]
-pub enum Kernel {
-    /// Box filter: measurement → estimate.
-    BoxEstimate,
-    /// Measurement → log irradiance.
-    LogIrradiance,
-    /// Normalise and fold: measurement, estimate (, log irradiance) → channels.
-    Features {
-        /// Channels per pixel.
-        channels: Vec<Channel>,
-        /// Block that is folded.
-        block: Fold,
-        /// Frames of the log irradiance before the first block.
-        lead: usize,
-    },
-    /// Convolution of either direction, and its epilogue: x (, added) → channels.
-    Convolution(Arc<ConvolutionStep>),
-    /// Rendered pixel values → pixel values and irradiance.
-    InverseResponse {
-        /// Exposure of each channel, in frames.
-        exposures: Vec<f32>,
-    },
-    /// Weighted mean: weights, (pixel values and) irradiance → radiance.
-    Fuse,
-    /// Predicted kernels: weights and residual, log irradiance, estimate → radiance.
-    Blend {
-        /// Block that is unfolded.
-        block: Fold,
-        /// Offsets t, y, x of the pixels that the weights are for. Those outside of the log irradiance do not count.
-        taps: Arc<[Tap]>,
-        /// Frame and row of the log irradiance at which the result begins.
-        origin: [usize; 2],
-    },
+/// A parameter of a step, as a shader may want it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Parameter {
+    /// A number.
+    Integer(usize),
+    /// A number along each of t, y and x.
+    Axes([usize; 3]),
+    /// Several numbers.
+    Integers(Vec<i32>),
+    /// Several numbers.
+    Floats(Vec<f32>),
 }
 
-impl Kernel {
-    /// Name of the kernel, which is that of its shader and of its CPU twin.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::BoxEstimate => "box_estimate",
-            Self::LogIrradiance => "log_irradiance",
-            Self::Features { .. } => "features",
-            Self::Convolution(step) => match step.direction {
-                Direction::Forward => "conv3d",
-                Direction::Transposed => "conv_transpose3d",
-            },
-            Self::InverseResponse { .. } => "inverse_response",
-            Self::Fuse => "fuse",
-            Self::Blend { .. } => "blend",
-        }
-    }
-
-    /// The convolution, if it is one.
-    pub fn convolution(&self) -> Option<&Arc<ConvolutionStep>> {
-        match self {
-            Self::Convolution(step) => Some(step),
-            Self::BoxEstimate
-            | Self::LogIrradiance
-            | Self::Features { .. }
-            | Self::InverseResponse { .. }
-            | Self::Fuse
-            | Self::Blend { .. } => None,
-        }
-    }
-}
-
-/// A channel of [`Kernel::Features`].
+/// A channel of a [`FeaturesStep`](super::FeaturesStep).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channel {
     /// What is computed from the pixel.

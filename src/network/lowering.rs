@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use super::error::NetworkError;
 use super::graph::{FRAMES, Graph, MEASUREMENT, Node, ROWS};
-use super::kernel::{Activation, ConvolutionStep, Direction, Kernel, Layer};
+use super::kernel::{Activation, ConvolutionStep, Direction, Layer};
 use super::model::Model;
+use super::op::Kernel;
 use super::op::operation::Parts;
 use super::op::relation::Relation;
 use super::pieces::{Group, Piece};
@@ -205,7 +206,7 @@ impl<'a> Lowering<'a> {
         let inputs: Vec<_> = reads.iter().map(|read| read.view).collect();
         let layer = self.model.layers.get(&node.name);
         let parts = Parts { origins: &origins, channels: inputs[0].shape.c, layer };
-        let kernel = operation.kernel(&parts).expect("all but concatenations are computed by kernels");
+        let kernel = node.op.kernel(&parts).expect("all but concatenations are computed by kernels");
         let first_frame = node.relation()[FRAMES].origin(frames.start, 0).unsigned_abs();
         let rows = rows.unwrap_or(0..self.arrangement.heights[node.name.as_str()]);
         let output = self.section(&node.name, &self.present(&node.name, group, piece), [frames, rows]);
@@ -359,7 +360,7 @@ fn parts_to_copy(concat: &Node, view: impl Fn(&str) -> View) -> Vec<(&str, View,
 fn identity(channels: usize) -> Kernel {
     let square = 0..channels * channels;
     let weight = square.map(|i| if i % (channels + 1) == 0 { 1.0 } else { 0.0 }).collect();
-    Kernel::Convolution(Arc::new(ConvolutionStep {
+    Kernel::Conv3d(Arc::new(ConvolutionStep {
         direction: Direction::Forward,
         kernel: [1; 3],
         stride: [1; 3],

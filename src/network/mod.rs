@@ -24,10 +24,14 @@ pub(crate) use executor::check_len;
 pub use executor::{Executor, Inspect, Precision, WindowTime};
 pub use graph::{Graph, Node, Window};
 pub use kernel::{
-    Activation, Channel, Convolution, ConvolutionStep, Direction, Feature, Fold, Kernel, Layer, Tap,
+    Activation, Channel, Convolution, ConvolutionStep, Direction, Feature, Fold, Layer, Parameter, Tap,
 };
 pub use model::{Model, Trained};
-pub use op::{Blend, Conv3d, ConvTranspose3d, Features, InverseResponse, Op};
+pub(crate) use op::for_each_operation;
+pub use op::{
+    Blend, BlendStep, BoxEstimate, Concat, Conv3d, ConvTranspose3d, Features, FeaturesStep, Fuse,
+    InverseResponse, Kernel, LogIrradiance, Op,
+};
 pub use plan::{Carry, Following, Footprint, Plan, PlannedTensor, Run, Step, TensorId, View};
 pub use state::State;
 pub use tensor::{Shape, Tensor};

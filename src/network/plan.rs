@@ -8,7 +8,8 @@
 use std::ops::{Range, RangeInclusive};
 
 use super::graph::Window;
-use super::kernel::{Direction, Kernel};
+use super::kernel::Direction;
+use super::op::Kernel;
 use super::tensor::Shape;
 
 /// Number of a tensor in [`Plan::tensors`].

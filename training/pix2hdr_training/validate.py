@@ -12,7 +12,8 @@ import torch
 
 from .data import Dataset
 from .export import net_from_weights
-from .graph import GraphNet, box_estimate
+from .graph import GraphNet
+from .operations import box_estimate
 from .tone import psnr_mu, tone
 
 

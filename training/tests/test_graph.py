@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import torch
 from pix2hdr_training import layout, presets
-from pix2hdr_training.graph import Convolution, Frames, GraphNet, box_estimate, fold, unfold
+from pix2hdr_training.graph import GraphNet
+from pix2hdr_training.operations import Convolution, Frames, box_estimate, fold, unfold
 from pix2hdr_training.pattern import exposure_table
 from pix2hdr_training.response import InverseResponse
 from pix2hdr_training.tone import inverse_tone, tone
@@ -150,7 +151,7 @@ def every_op(neighbours=(-5, 3)):
 @pytest.mark.parametrize("graph", [every_op(), presets.kernel_net((8, 12), (1, 2), name="small", hop=8)], ids=["every op", "kernels"])
 def test_frames_that_no_result_needs_change_nothing(graph, whole_convolutions, monkeypatch):
     """Computing only what is needed gives what computing everything gives."""
-    monkeypatch.setattr("pix2hdr_training.graph.has_matrix_unit", lambda: whole_convolutions)
+    monkeypatch.setattr("pix2hdr_training.operations.has_matrix_unit", lambda: whole_convolutions)
     net = GraphNet(graph, InverseResponse.of_linear(2.0)).double().eval()
     y, e = window_of(graph, 8, 8)
     everything = json.loads(json.dumps(graph))

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from pix2hdr_training import graph as graph_module
-from pix2hdr_training import layout, presets, tone
+from pix2hdr_training import layout, operations, presets, tone
 from pix2hdr_training.data import Pose, end_of_recording
 from pix2hdr_training.export import read_weights
 from pix2hdr_training.pattern import ExposureTable, exposure_table
@@ -91,7 +90,7 @@ def test_only_the_built_in_patterns_are_known():
 
 
 def test_constants_are_those_of_rust():
-    assert golden("constants") == {"mu": tone.MU, "saturated": graph_module.SATURATED}
+    assert golden("constants") == {"mu": tone.MU, "saturated": operations.SATURATED}
 
 
 @pytest.mark.parametrize("name", golden("responses"))

@@ -11,9 +11,10 @@ from fake_data import make_dataset
 from pix2hdr_training import presets
 from pix2hdr_training.data import Batch, Crops, Dataset, DatasetError, end_of_recording, miscalibrated, with_fixed_pattern
 from pix2hdr_training.export import net_from_weights, read_weights, trainable_state, write_weights
-from pix2hdr_training.graph import GraphNet, box_estimate
+from pix2hdr_training.graph import GraphNet
 from pix2hdr_training.losses import PaperLoss, Vgg, log_mse, log_pattern_mse, mean_ssim
 from pix2hdr_training.objective import Objective, inverse_node
+from pix2hdr_training.operations import box_estimate
 from pix2hdr_training.start import start_as_estimate
 from pix2hdr_training.tone import inverse_tone, tone
 from pix2hdr_training.train import Trainer, learning_rate, load_checkpoint, main, net_from_checkpoint

@@ -6,7 +6,7 @@ use wgpu::{BindGroupEntry, BindGroupLayoutEntry, BindingResource, BufferBinding,
 
 use super::options::Edit;
 use crate::gpu::dispatch::Dispatch;
-use crate::gpu::shader::table::{KernelShader, Resource};
+use crate::gpu::shader::bindings::{KernelShader, Resource};
 use crate::gpu::shader::{Shader, dump};
 use crate::gpu::storage::TensorFormats;
 use crate::gpu::variant::Variant;
@@ -129,9 +129,6 @@ impl<'a> Builder<'a> {
                 Resource::Weights => gpu.storage(&name("weights"), &dispatch.weights)?,
                 Resource::Terms => terms.as_ref().expect("convolutions have terms").1.clone(),
                 Resource::Overflow => self.buffers.overflow.clone(),
-                Resource::RenderedExposures => {
-                    gpu.storage(&name("exposures"), &dispatch.rendered_exposures)?
-                }
             })
         };
         let owned = kernel.resources.iter().map(owned).collect::<Result<Vec<_>, GpuError>>()?;

@@ -1,5 +1,6 @@
 //! Shaders as text: the files, the template language that they are written in, and the values that they are given.
 
+pub mod bindings;
 mod dump;
 mod parameters;
 pub mod table;

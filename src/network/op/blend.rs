@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::operation::{Kind, MAX_EXTENT, Operation, Parts, around, exactly};
+use super::operation::{Computed, Computes, Kind, MAX_EXTENT, Operation, Parts, around, exactly};
 use super::relation::{Relation, Scale};
-use crate::network::kernel::{Fold, Kernel, Tap};
+use crate::network::kernel::{Fold, Parameter, Tap};
 use crate::network::tensor::Shape;
 
 /// Parameters of [`Op::Blend`](super::Op).
@@ -65,13 +65,41 @@ impl Operation for Blend {
     fn sees_camera(&self) -> bool {
         false
     }
+}
 
-    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel> {
-        Some(Kernel::Blend {
-            block: self.block,
-            taps: Arc::clone(&self.taps),
-            origin: parts.origins[1].map(isize::unsigned_abs),
-        })
+/// Predicted kernels: weights and residual, log irradiance, estimate → radiance.
+#[derive(Clone, Debug)]
+pub struct BlendStep {
+    /// Block that is unfolded; it spans one frame.
+    pub block: Fold,
+    /// Offsets t, y, x of the pixels that the weights are for. Those outside of the log irradiance do not count.
+    pub taps: Arc<[Tap]>,
+    /// Frame and row of the log irradiance at which the result begins.
+    pub origin: [usize; 2],
+}
+
+impl Computed for Blend {
+    type Step = BlendStep;
+
+    fn step(&self, parts: &Parts<'_>) -> BlendStep {
+        let origin = parts.origins[1].map(isize::unsigned_abs);
+        BlendStep { block: self.block, taps: Arc::clone(&self.taps), origin }
+    }
+}
+
+impl Computes for BlendStep {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        let Self { block, taps, origin: [t, y] } = self;
+        let along = |axis: usize| Parameter::Integers(taps.iter().map(|tap| tap[axis]).collect());
+        vec![
+            ("block", Parameter::Axes(*block)),
+            ("taps", Parameter::Integer(taps.len())),
+            ("tap_t", along(0)),
+            ("tap_y", along(1)),
+            ("tap_x", along(2)),
+            ("origin_t", Parameter::Integer(*t)),
+            ("origin_y", Parameter::Integer(*y)),
+        ]
     }
 }
 

@@ -1,11 +1,15 @@
 //! The box filter of design §4.
 
-use super::operation::{Kind, Operation, Parts, exactly};
+use serde::{Deserialize, Serialize};
+
+use super::operation::{Computed, Computes, Kind, Operation, Parts, exactly};
 use super::relation::Relation;
-use crate::network::kernel::Kernel;
+use crate::network::kernel::Parameter;
 use crate::network::tensor::Shape;
 
-pub struct BoxEstimate;
+/// The box filter: measurement → estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BoxEstimate {}
 
 impl Operation for BoxEstimate {
     fn wants(&self, _input: usize) -> Kind {
@@ -28,8 +32,18 @@ impl Operation for BoxEstimate {
     fn sees_camera(&self) -> bool {
         true
     }
+}
 
-    fn kernel(&self, _parts: &Parts<'_>) -> Option<Kernel> {
-        Some(Kernel::BoxEstimate)
+impl Computed for BoxEstimate {
+    type Step = Self;
+
+    fn step(&self, _parts: &Parts<'_>) -> Self {
+        *self
+    }
+}
+
+impl Computes for BoxEstimate {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        Vec::new()
     }
 }

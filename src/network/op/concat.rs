@@ -1,11 +1,14 @@
 //! Channels one behind the other: nothing is computed where inputs are written to their places at once.
 
-use super::operation::{Kind, Operation, Parts};
+use serde::{Deserialize, Serialize};
+
+use super::operation::{Kind, Operation};
 use super::relation::Relation;
-use crate::network::kernel::Kernel;
 use crate::network::tensor::Shape;
 
-pub struct Concat;
+/// Channels one behind the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Concat {}
 
 impl Operation for Concat {
     fn wants(&self, _input: usize) -> Kind {
@@ -35,9 +38,5 @@ impl Operation for Concat {
 
     fn sees_camera(&self) -> bool {
         false
-    }
-
-    fn kernel(&self, _parts: &Parts<'_>) -> Option<Kernel> {
-        None
     }
 }

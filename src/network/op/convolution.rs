@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::operation::{Kind, MAX_CHANNELS, Operation, Parts, exactly};
+use super::operation::{Computed, Computes, Kind, MAX_CHANNELS, Operation, Parts, exactly};
 use super::relation::{Relation, Scale};
-use crate::network::kernel::{Activation, Convolution, ConvolutionStep, Direction, Kernel};
+use crate::network::kernel::{Activation, Convolution, ConvolutionStep, Direction, Parameter};
 use crate::network::tensor::Shape;
 
 /// A convolution: result o is the sum over inputs o·stride − padding + tap, with padding (kernel − 1)/2.
@@ -40,8 +40,8 @@ impl Convolution {
     }
 
     /// The step for some results, with zero `padding` in front of the inputs that it sees.
-    fn step(&self, direction: Direction, padding: [isize; 3], parts: &Parts<'_>) -> Kernel {
-        Kernel::Convolution(Arc::new(ConvolutionStep {
+    fn step(&self, direction: Direction, padding: [isize; 3], parts: &Parts<'_>) -> Arc<ConvolutionStep> {
+        Arc::new(ConvolutionStep {
             direction,
             kernel: self.kernel,
             stride: self.stride,
@@ -50,11 +50,81 @@ impl Convolution {
             out_channels: self.out_channels,
             activation: self.activation,
             layer: parts.layer.map(Arc::clone).expect("a model has a layer for every convolution"),
-        }))
+        })
     }
 }
 
-impl Operation for Conv3d {
+/// What an operation says of itself that is a convolution in one direction or the other.
+trait Directed {
+    const DIRECTION: Direction;
+
+    fn convolution(&self) -> &Convolution;
+
+    /// Whether a kernel of this extent fits this stride.
+    fn fits(kernel: usize, stride: usize) -> bool;
+
+    /// Results along an axis of so many inputs.
+    fn results(inputs: usize, stride: usize) -> usize;
+
+    /// What a result depends on along an axis.
+    fn window(kernel: usize, stride: usize) -> Relation;
+
+    /// Zeros in front of the inputs, where the results begin at `origin` in what a step sees of those.
+    fn padding(window: Relation, origin: isize) -> isize;
+}
+
+impl Directed for Conv3d {
+    const DIRECTION: Direction = Direction::Forward;
+
+    fn convolution(&self) -> &Convolution {
+        &self.0
+    }
+
+    fn fits(kernel: usize, _stride: usize) -> bool {
+        kernel % 2 == 1
+    }
+
+    fn results(inputs: usize, stride: usize) -> usize {
+        inputs.div_ceil(stride)
+    }
+
+    fn window(kernel: usize, stride: usize) -> Relation {
+        let others = kernel.saturating_sub(1);
+        Relation { scale: Scale::Down(stride), before: others / 2, after: others - others / 2 }
+    }
+
+    fn padding(window: Relation, origin: isize) -> isize {
+        window.before as isize - origin
+    }
+}
+
+impl Directed for ConvTranspose3d {
+    const DIRECTION: Direction = Direction::Transposed;
+
+    fn convolution(&self) -> &Convolution {
+        &self.0
+    }
+
+    fn fits(kernel: usize, stride: usize) -> bool {
+        kernel >= stride && (kernel - stride).is_multiple_of(2)
+    }
+
+    fn results(inputs: usize, stride: usize) -> usize {
+        inputs.saturating_mul(stride)
+    }
+
+    fn window(kernel: usize, stride: usize) -> Relation {
+        let padding = kernel.saturating_sub(stride) / 2;
+        let before = kernel.saturating_sub(1 + padding);
+        Relation { scale: Scale::Up(stride), before, after: padding }
+    }
+
+    fn padding(window: Relation, origin: isize) -> isize {
+        window.after as isize + origin
+    }
+}
+
+impl<D: Directed> Operation for D {
     fn wants(&self, _input: usize) -> Kind {
         Kind::Channels
     }
@@ -65,20 +135,21 @@ impl Operation for Conv3d {
 
     fn shape(&self, inputs: &[Shape], _measurement: Shape) -> Result<Shape, String> {
         let [input] = exactly(inputs)?;
-        let Self(conv) = self;
-        conv.check(|kernel, _| kernel % 2 == 1)?;
+        let conv = Directed::convolution(self);
+        conv.check(D::fits)?;
         let extent = input.extent();
-        Ok(Shape::new(std::array::from_fn(|i| extent[i].div_ceil(conv.stride[i])), conv.out_channels))
+        let results = std::array::from_fn(|i| D::results(extent[i], conv.stride[i]));
+        Ok(Shape::new(results, conv.out_channels))
     }
 
     fn relation(&self, input: usize) -> [Relation; 3] {
-        let Self(Convolution { kernel, stride, .. }) = self;
-        let window = |i: usize| {
-            let others = kernel[i].saturating_sub(1);
-            Relation { scale: Scale::Down(stride[i]), before: others / 2, after: others - others / 2 }
-        };
+        let Convolution { kernel, stride, .. } = Directed::convolution(self);
         // The second one is added.
-        if input == 0 { std::array::from_fn(window) } else { [Relation::SAME; 3] }
+        if input == 0 {
+            std::array::from_fn(|i| D::window(kernel[i], stride[i]))
+        } else {
+            [Relation::SAME; 3]
+        }
     }
 
     fn sees_camera(&self) -> bool {
@@ -86,55 +157,31 @@ impl Operation for Conv3d {
     }
 
     fn convolution(&self) -> Option<(&Convolution, Direction)> {
-        Some((&self.0, Direction::Forward))
-    }
-
-    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel> {
-        let [t, y] = parts.origins[0];
-        let [before_t, before_y, before_x] = self.relation(0).map(|axis| axis.before as isize);
-        Some(self.0.step(Direction::Forward, [before_t - t, before_y - y, before_x], parts))
+        Some((Directed::convolution(self), D::DIRECTION))
     }
 }
 
-impl Operation for ConvTranspose3d {
-    fn wants(&self, _input: usize) -> Kind {
-        Kind::Channels
-    }
+impl<D: Directed> Computed for D {
+    type Step = Arc<ConvolutionStep>;
 
-    fn gives(&self) -> Kind {
-        Kind::Channels
-    }
-
-    fn shape(&self, inputs: &[Shape], _measurement: Shape) -> Result<Shape, String> {
-        let [input] = exactly(inputs)?;
-        let Self(conv) = self;
-        conv.check(|kernel, stride| kernel >= stride && (kernel - stride).is_multiple_of(2))?;
-        let extent = input.extent();
-        Ok(Shape::new(std::array::from_fn(|i| extent[i].saturating_mul(conv.stride[i])), conv.out_channels))
-    }
-
-    fn relation(&self, input: usize) -> [Relation; 3] {
-        let Self(Convolution { kernel, stride, .. }) = self;
-        let window = |i: usize| {
-            let padding = kernel[i].saturating_sub(stride[i]) / 2;
-            let before = kernel[i].saturating_sub(1 + padding);
-            Relation { scale: Scale::Up(stride[i]), before, after: padding }
-        };
-        // The second one is added.
-        if input == 0 { std::array::from_fn(window) } else { [Relation::SAME; 3] }
-    }
-
-    fn sees_camera(&self) -> bool {
-        false
-    }
-
-    fn convolution(&self) -> Option<(&Convolution, Direction)> {
-        Some((&self.0, Direction::Transposed))
-    }
-
-    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel> {
+    fn step(&self, parts: &Parts<'_>) -> Arc<ConvolutionStep> {
         let [t, y] = parts.origins[0];
-        let [after_t, after_y, after_x] = self.relation(0).map(|axis| axis.after as isize);
-        Some(self.0.step(Direction::Transposed, [after_t + t, after_y + y, after_x], parts))
+        let (windows, origins) = (self.relation(0), [t, y, 0]);
+        let padding = std::array::from_fn(|i| D::padding(windows[i], origins[i]));
+        Directed::convolution(self).step(D::DIRECTION, padding, parts)
+    }
+}
+
+impl Computes for Arc<ConvolutionStep> {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        vec![
+            ("kernel", Parameter::Axes(self.kernel)),
+            ("stride", Parameter::Axes(self.stride)),
+            ("padding", Parameter::Axes(self.padding)),
+        ]
+    }
+
+    fn convolution(&self) -> Option<&Self> {
+        Some(self)
     }
 }

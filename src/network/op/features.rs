@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::operation::{Kind, MAX_EXTENT, MAX_FRAMES, Operation, Parts, around};
+use super::operation::{Computed, Computes, Kind, MAX_EXTENT, MAX_FRAMES, Operation, Parts, around};
 use super::relation::{Relation, Scale};
-use crate::network::kernel::{Channel, Feature, Fold, Kernel};
+use crate::network::kernel::{Channel, Feature, Fold, Parameter};
 use crate::network::tensor::Shape;
 
 /// Parameters of [`Op::Features`](super::Op).
@@ -78,16 +78,43 @@ impl Operation for Features {
     fn sees_camera(&self) -> bool {
         true
     }
+}
 
-    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel> {
+/// Normalise and fold: measurement, estimate (, log irradiance) → channels.
+#[derive(Clone, Debug)]
+pub struct FeaturesStep {
+    /// Channels per pixel.
+    pub channels: Vec<Channel>,
+    /// Block that is folded.
+    pub block: Fold,
+    /// Frames of the log irradiance before the first block.
+    pub lead: usize,
+}
+
+impl Computed for Features {
+    type Step = FeaturesStep;
+
+    fn step(&self, parts: &Parts<'_>) -> FeaturesStep {
         let now = self.channels.iter().map(|&feature| Channel { feature, offset: 0 });
         let others =
             self.neighbours.iter().map(|&offset| Channel { feature: Feature::LogIrradiance, offset });
         let lead = parts.origins.get(2).map_or(0, |origin| origin[0]);
-        Some(Kernel::Features {
-            channels: now.chain(others).collect(),
-            block: self.block,
-            lead: lead.unsigned_abs(),
-        })
+        FeaturesStep { channels: now.chain(others).collect(), block: self.block, lead: lead.unsigned_abs() }
+    }
+}
+
+impl Computes for FeaturesStep {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        let Self { channels, block, lead } = self;
+        // Shaders number features as `Feature` does.
+        let features = channels.iter().map(|channel| channel.feature as i32).collect();
+        let offsets = channels.iter().map(|channel| channel.offset).collect();
+        vec![
+            ("block", Parameter::Axes(*block)),
+            ("channels", Parameter::Integer(channels.len())),
+            ("features", Parameter::Integers(features)),
+            ("frame_offsets", Parameter::Integers(offsets)),
+            ("lead", Parameter::Integer(*lead)),
+        ]
     }
 }

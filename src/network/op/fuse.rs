@@ -1,11 +1,15 @@
 //! Weighted fusion (eq. 23).
 
-use super::operation::{Kind, Operation, Parts, exactly};
+use serde::{Deserialize, Serialize};
+
+use super::operation::{Computed, Computes, Kind, Operation, Parts, exactly};
 use super::relation::Relation;
-use crate::network::kernel::Kernel;
+use crate::network::kernel::Parameter;
 use crate::network::tensor::Shape;
 
-pub struct Fuse;
+/// Weighted mean: weights, (pixel values and) irradiance → radiance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Fuse {}
 
 impl Operation for Fuse {
     fn wants(&self, _input: usize) -> Kind {
@@ -31,8 +35,18 @@ impl Operation for Fuse {
     fn sees_camera(&self) -> bool {
         false
     }
+}
 
-    fn kernel(&self, _parts: &Parts<'_>) -> Option<Kernel> {
-        Some(Kernel::Fuse)
+impl Computed for Fuse {
+    type Step = Self;
+
+    fn step(&self, _parts: &Parts<'_>) -> Self {
+        *self
+    }
+}
+
+impl Computes for Fuse {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        Vec::new()
     }
 }

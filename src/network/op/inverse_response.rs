@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::operation::{Kind, Operation, Parts, exactly};
+use super::operation::{Computed, Computes, Kind, Operation, Parts, exactly};
 use super::relation::Relation;
-use crate::network::kernel::Kernel;
+use crate::network::kernel::Parameter;
 use crate::network::tensor::Shape;
 
 /// Parameters of [`Op::InverseResponse`](super::Op).
@@ -40,8 +40,18 @@ impl Operation for InverseResponse {
     fn sees_camera(&self) -> bool {
         false
     }
+}
 
-    fn kernel(&self, _parts: &Parts<'_>) -> Option<Kernel> {
-        Some(Kernel::InverseResponse { exposures: self.exposures.clone() })
+impl Computed for InverseResponse {
+    type Step = Self;
+
+    fn step(&self, _parts: &Parts<'_>) -> Self {
+        self.clone()
+    }
+}
+
+impl Computes for InverseResponse {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        vec![("rendered_exposures", Parameter::Floats(self.exposures.clone()))]
     }
 }

@@ -1,11 +1,15 @@
 //! l(R⁻¹(y)/e) of every pixel.
 
-use super::operation::{Kind, Operation, Parts, exactly};
+use serde::{Deserialize, Serialize};
+
+use super::operation::{Computed, Computes, Kind, Operation, Parts, exactly};
 use super::relation::Relation;
-use crate::network::kernel::Kernel;
+use crate::network::kernel::Parameter;
 use crate::network::tensor::Shape;
 
-pub struct LogIrradiance;
+/// Log irradiance of the measurement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LogIrradiance {}
 
 impl Operation for LogIrradiance {
     fn wants(&self, _input: usize) -> Kind {
@@ -28,8 +32,18 @@ impl Operation for LogIrradiance {
     fn sees_camera(&self) -> bool {
         true
     }
+}
 
-    fn kernel(&self, _parts: &Parts<'_>) -> Option<Kernel> {
-        Some(Kernel::LogIrradiance)
+impl Computed for LogIrradiance {
+    type Step = Self;
+
+    fn step(&self, _parts: &Parts<'_>) -> Self {
+        *self
+    }
+}
+
+impl Computes for LogIrradiance {
+    fn parameters(&self) -> Vec<(&'static str, Parameter)> {
+        Vec::new()
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::relation::Relation;
-use crate::network::kernel::{Convolution, Direction, Kernel, Layer};
+use crate::network::kernel::{Convolution, ConvolutionStep, Direction, Layer, Parameter};
 use crate::network::tensor::Shape;
 
 /// Bounds on what a file may declare, far above any useful net: they keep a hostile file from asking for absurd amounts of
@@ -50,9 +50,26 @@ pub trait Operation {
     fn convolution(&self) -> Option<(&Convolution, Direction)> {
         None
     }
+}
 
-    /// What computes some of the results; `None` where inputs only have to lie in the right places.
-    fn kernel(&self, parts: &Parts<'_>) -> Option<Kernel>;
+/// An operation that a kernel computes, in steps of a plan.
+pub trait Computed: Operation {
+    /// What a step computes.
+    type Step: Computes;
+
+    /// The step for some of the results.
+    fn step(&self, parts: &Parts<'_>) -> Self::Step;
+}
+
+/// What a step of a plan computes, wherever its tensors lie.
+pub trait Computes {
+    /// Its parameters by the names that shaders have for them.
+    fn parameters(&self) -> Vec<(&'static str, Parameter)>;
+
+    /// The convolution, if it is one.
+    fn convolution(&self) -> Option<&Arc<ConvolutionStep>> {
+        None
+    }
 }
 
 /// The inputs of some results, as their kernel sees them.

@@ -6,9 +6,7 @@ use super::modules::Modules;
 use super::source::Token;
 
 /// Names that may occur twice, and why.
-const KNOWN: [(&str, &str); 5] = [
-    ("Blend", "what a net file says of the operation, and what its twin is given"),
-    ("Features", "what a net file says of the operation, and what its twin is given"),
+const KNOWN: [(&str, &str); 3] = [
     ("Precision", "the command line's words for the library's choices"),
     ("View", "a command by its name, and a part of a tensor"),
     ("Skip", "the command line's words for the library's choices"),
