@@ -1,7 +1,8 @@
 //! Tests of how the source is put together: which module uses which, how long files and functions are, that one name means
-//! one thing, and that documents name what is there.
+//! one thing, that the viewer builds nothing again, and that documents name what is there.
 
 mod documents;
+mod features;
 mod modules;
 mod names;
 mod rules;
