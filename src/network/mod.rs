@@ -28,10 +28,7 @@ pub use kernel::{
 };
 pub use model::{Model, Trained};
 pub(crate) use op::for_each_operation;
-pub use op::{
-    Blend, BlendStep, BoxEstimate, Concat, Conv3d, ConvTranspose3d, Features, FeaturesStep, Fuse,
-    InverseResponse, Kernel, LogIrradiance, Op,
-};
+pub use op::*;
 pub use plan::{Carry, Following, Footprint, Plan, PlannedTensor, Run, Step, TensorId, View};
 pub use state::State;
 pub use tensor::{Shape, Tensor};

@@ -42,6 +42,27 @@ mod tests {
         String::from_utf8(output.stdout).unwrap()
     }
 
+    /// A lock file that lags behind would make the fuzzer build other versions than those that are tested.
+    #[test]
+    fn the_lock_file_of_the_fuzzer_is_fresh() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let arguments = [
+            "tree",
+            "--locked",
+            "--no-default-features",
+            "--manifest-path",
+            "fuzz/Cargo.toml",
+            "--depth",
+            "0",
+        ];
+        let output = Command::new(env!("CARGO")).current_dir(root).args(arguments).output().unwrap();
+        let problem = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.success(),
+            "{problem}\n'cargo update --manifest-path fuzz/Cargo.toml --workspace' mends that"
+        );
+    }
+
     /// On Linux; elsewhere nobody has made a list.
     #[cfg(target_os = "linux")]
     #[test]
