@@ -91,7 +91,7 @@ fn check_row(row: &Value) {
 #[test]
 fn the_json_object_is_complete_on_cpu_and_gpu() {
     let out = tempfile::tempdir().unwrap();
-    let report = json(&["--presets", "fast,tiny", "--executor", "cpu,gpu", "--per-layer"], out.path());
+    let report = json(&["--weights", "fast,tiny", "--executor", "cpu,gpu", "--per-layer"], out.path());
     let machine = value(&report, "machine");
     assert!(value(machine, "cpu_threads").as_u64().is_some_and(|threads| threads > 0));
     for key in ["version", "os", "arch"] {
@@ -135,7 +135,7 @@ fn the_json_object_is_complete_on_cpu_and_gpu() {
 #[test]
 fn tables_name_their_units() {
     let out = tempfile::tempdir().unwrap();
-    let output = bench(&["--presets", "fast", "--executor", "cpu", "--markdown"], out.path());
+    let output = bench(&["--weights", "fast", "--executor", "cpu", "--markdown"], out.path());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     for word in ["| net ", "ms/frame", "GFLOP/frame", "PSNR-µ dB", "| fast ", "GB/s of copying", "|--:|"] {
@@ -148,7 +148,7 @@ fn tables_name_their_units() {
 fn the_stability_report_is_complete() {
     let out = tempfile::tempdir().unwrap();
     let arguments =
-        ["bench", "--stability", "--quick", "--presets", "tiny", "--executor", "cpu", "--json", "--out"];
+        ["bench", "--stability", "--quick", "--weights", "tiny", "--executor", "cpu", "--json", "--out"];
     let output =
         Command::new(env!("CARGO_BIN_EXE_pix2hdr")).args(arguments).arg(out.path()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -191,8 +191,8 @@ fn requests_that_cannot_be_met_are_refused() {
     for (arguments, word) in [
         (&["--precision", "f16", "--executor", "cpu"][..], "f32 only"),
         (&["--scene", "nonesuch"], "nonesuch"),
-        (&["--presets", "nonesuch"], "nonesuch"),
-        (&["--presets", "fast", "--executor", "cpu", "--variant", "4x2"], "--variant"),
+        (&["--weights", "nonesuch"], "nonesuch"),
+        (&["--weights", "fast", "--executor", "cpu", "--variant", "4x2"], "--variant"),
         (&["--executor", "gpu", "--adapter", "nonesuch"], "nonesuch"),
     ] {
         let out = tempfile::tempdir().unwrap();

@@ -32,7 +32,7 @@ fn the_whole_chain_runs_on_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (truth, camera, result) = (path("truth"), path("camera"), path("result"));
-    let size = ["--frames", "12", "--height", "30", "--width", "44", "--samples", "2"];
+    let size = ["--frames", "12", "--size", "44x30", "--samples", "2"];
     succeeds(&[&["scene", "fan", "--out", &truth][..], &size[..]].concat());
     succeeds(&["sample", &truth, "--out", &camera, "--seed", "3"]);
     let json =
@@ -73,13 +73,13 @@ fn cameras_to_simulate_have_names_and_options() {
     let options = [
         "--camera",
         "pe-cmos",
-        "--pedestal",
+        "--black-level",
         "64",
         "--full-well",
         "300",
         "--bit-depth",
         "12",
-        "--frame-period",
+        "--frame-period-ms",
         "0.5",
     ];
     assert_eq!(fields(&described(&options)), [300.0, 2.67, 64.0, 4095.0, 0.5]);
@@ -92,8 +92,8 @@ fn cameras_to_simulate_have_names_and_options() {
     // What cannot be is said in a line.
     for (options, words) in [
         (["--camera", "pe"], "pe-cmos"),
-        (["--pedestal", "1023"], "black level 1023"),
-        (["--frame-period", "0"], "frame period"),
+        (["--black-level", "1023"], "black level 1023"),
+        (["--frame-period-ms", "0"], "frame period"),
         (["--schedule-start", "9223372036854775807"], "schedule start"),
     ] {
         let out = path("other");
@@ -105,7 +105,7 @@ fn cameras_to_simulate_have_names_and_options() {
 fn the_demo_writes_all_that_it_promises() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("demo").display().to_string();
-    let size = ["--frames", "10", "--height", "32", "--width", "40", "--samples", "2"];
+    let size = ["--frames", "10", "--size", "40x32", "--samples", "2"];
     let demo = |more: &[&str]| -> serde_json::Value {
         let json = succeeds(
             &[&["demo", "--out", &out, "--executor", "cpu", "--json"][..], &size[..], more].concat(),
@@ -114,8 +114,8 @@ fn the_demo_writes_all_that_it_promises() {
     };
     // Held read-outs come later, and the box filter is not to be measured by that. The last ones are missing.
     let report = demo(&[]);
-    let [covering, held] =
-        [&report, &demo(&["--hold"])].map(|report| report["measures"]["box"]["psnr_mu"].as_f64().unwrap());
+    let [covering, held] = [&report, &demo(&["--timing", "hold"])]
+        .map(|report| report["measures"]["box"]["psnr_mu"].as_f64().unwrap());
     assert!((held - covering).abs() < 1.0, "{held} dB instead of {covering}");
     for file in report["files"].as_array().unwrap() {
         assert!(Path::new(file.as_str().unwrap()).exists(), "{file}");

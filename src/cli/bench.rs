@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::bench::{Case, Clip, Effort, Machine, Oracle, Peak, ProcessorPeak, Row, frontier};
 use crate::gpu::Variant;
 use crate::network::{self, Model, presets};
-use crate::scene::procedural;
+use crate::scene::{Rendering, procedural};
 use crate::sensor::Pattern;
 use crate::synth::{self, Backend, ExecutorChoice, Settings, fitted};
 use crate::video::atomic;
@@ -14,8 +14,8 @@ use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Precision, Skip, allowed_error, at_least_one, show};
-use super::scene::Size;
+use super::options::{FrameSize, Precision, Skip, allowed_error, at_least_one, show};
+use super::scene::render;
 use super::stability::Stability;
 use super::table::{Table, figure, short};
 use super::terminal;
@@ -31,11 +31,11 @@ use super::terminal;
 pub struct Bench {
     /// Presets or weights files [default: all presets; with --quick, the trained ones]; a preset without trained
     /// weights gets random ones, which are as fast
-    #[arg(long, value_delimiter = ',', value_name = "FILE|PRESET,…")]
-    presets: Vec<String>,
-    /// Sizes of a frame, width first
-    #[arg(long, value_delimiter = ',', default_value = "128x128", value_parser = parse_size, value_name = "WxH,…")]
-    size: Vec<[usize; 2]>,
+    #[arg(long, alias = "presets", value_delimiter = ',', value_name = "FILE|PRESET,…")]
+    weights: Vec<String>,
+    /// Width and height of a frame in pixels, or one number for both
+    #[arg(long, value_delimiter = ',', default_value = "128x128", value_name = "WxH,…")]
+    size: Vec<FrameSize>,
     /// Frames of a clip [default: 80; with --quick, 40]
     #[arg(long, value_delimiter = ',', value_parser = at_least_one, value_name = "FRAMES,…")]
     frames: Vec<usize>,
@@ -87,12 +87,6 @@ pub struct Bench {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-}
-
-/// Parses two numbers with an x between them.
-fn parse_size(text: &str) -> std::result::Result<[usize; 2], String> {
-    let (a, b) = text.split_once('x').ok_or("two numbers such as 128x128")?;
-    Ok([at_least_one(a)?, at_least_one(b)?])
 }
 
 /// Parses how a convolution is divided.
@@ -191,8 +185,8 @@ impl Bench {
 
     /// Names of the nets.
     fn names(&self) -> Vec<String> {
-        if !self.presets.is_empty() {
-            return self.presets.clone();
+        if !self.weights.is_empty() {
+            return self.weights.clone();
         }
         let wanted = presets::all().into_iter().filter(|preset| preset.trained || !self.quick);
         wanted.map(|preset| preset.name.to_owned()).collect()
@@ -239,12 +233,13 @@ impl Bench {
         let bar = terminal::progress(count, "measuring");
         let mut rows = Vec::with_capacity(count);
         let clips = self.size.iter().flat_map(|size| lengths.iter().map(move |frames| (size, *frames)));
-        for (&[width, height], frames) in clips {
+        for (&FrameSize { width, height }, frames) in clips {
             for name in &self.scene {
                 let scene = procedural::by_name(name, height, width, self.seed)
                     .ok_or_else(|| Error::Usage(format!("no scene '{name}'")))?;
-                let size = Size { frames, height, width, samples: 8 };
-                let (truth, _) = size.render(&*scene, self.seed)?;
+                let seed = self.seed;
+                let how = Rendering { frames, height, width, instants: 8, positions: 1, seed };
+                let (truth, _) = render(&*scene, how)?;
                 for net in nets {
                     let Net { name: preset, model, trained } = net;
                     let clip = Clip::new(name, truth.clone(), net.pattern()?, self.seed)?;

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{ResponseOption, at_least_one, parse_response, show};
+use super::options::{ResponseOption, SizeArgs, at_least_one, parse_response, show};
 use super::terminal;
 
 /// Makes training cubes: random clips from panoramas or from your own videos, through the camera simulator
@@ -31,9 +31,8 @@ pub struct Dataset {
     /// Frames per cube
     #[arg(long, default_value_t = 24, value_parser = at_least_one)]
     frames: usize,
-    /// Rows and columns of a cube
-    #[arg(long, default_value_t = 128, value_parser = at_least_one)]
-    size: usize,
+    #[command(flatten)]
+    size: SizeArgs<128>,
     /// Sampling pattern: a built-in name or a JSON file
     #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
     pattern: String,
@@ -51,8 +50,8 @@ pub struct Dataset {
     #[arg(long, value_parser = positive_range, value_name = "LOW..HIGH")]
     read_noise: Option<[f32; 2]>,
     /// Count of 1023 at which black lies. Above 0, counts keep noise below black [default: 0]
-    #[arg(long, value_parser = clap::value_parser!(u16).range(..1023), value_name = "COUNT")]
-    pedestal: Option<u16>,
+    #[arg(long, alias = "pedestal", value_parser = clap::value_parser!(u16).range(..1023), value_name = "COUNT")]
+    black_level: Option<u16>,
     /// Schedule time of each cube's first frame; windows must fit behind it
     #[arg(long, default_value_t = 4, allow_hyphen_values = true, value_name = "FRAME")]
     schedule_start: i64,
@@ -88,14 +87,15 @@ impl Dataset {
                 (None, Some(own), Some(_)) if own > 0.0 => Ok([own as f32; 2]),
                 _ => Err(Error::Usage("cubes need a camera with shot noise and read noise".into())),
             };
+        let [height, width] = self.size.extent();
         let recipe = Recipe {
             pattern: Pattern::load(&self.pattern)?,
             form: self.response.as_ref().map_or_else(|| Ok(camera.response.clone()), ResponseOption::form)?,
             cubes: self.cubes,
-            extent: [self.frames, self.size, self.size],
+            extent: [self.frames, height, width],
             full_well_e: range(self.full_well, [300.0, 18_000.0], camera.full_well_e)?,
             read_noise_e: range(self.read_noise, [1.0, 8.0], Some(camera.read_noise_e))?,
-            black_level: self.pedestal.unwrap_or(camera.black_level),
+            black_level: self.black_level.unwrap_or(camera.black_level),
             schedule_start: self.schedule_start,
             seed: self.seed,
         };

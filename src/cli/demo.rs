@@ -13,8 +13,8 @@ use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Camera, SettingsArgs, show};
-use super::scene::Size;
+use super::options::{CameraArgs, SettingsArgs, show};
+use super::scene::{ClipArgs, render};
 use super::synth::run_text;
 use super::terminal;
 
@@ -31,9 +31,9 @@ pub struct Demo {
     #[arg(long, default_value = "out/demo", value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    size: Size,
+    clip: ClipArgs,
     #[command(flatten)]
-    camera: Camera,
+    camera: CameraArgs,
     #[command(flatten)]
     settings: SettingsArgs,
     /// Print one JSON object
@@ -45,15 +45,16 @@ impl Demo {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         let begun = Instant::now();
-        let Size { height, width, .. } = self.size;
+        let rendering = self.clip.rendering(self.camera.seed);
         // What cannot work is said before anything is rendered.
         let sampler = self.camera.sampler()?;
         let settings = self.settings.settings();
         let (model, backend) = (settings.model(sampler.pattern())?, settings.backend()?);
-        let scene = procedural::by_name(&self.scene, height, width, self.camera.seed).ok_or_else(|| {
-            Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
-        })?;
-        let (truth, anchor) = self.size.render(&*scene, self.camera.seed)?;
+        let scene = procedural::by_name(&self.scene, rendering.height, rendering.width, self.camera.seed)
+            .ok_or_else(|| {
+                Error::Usage(format!("no scene '{}'; there are {}", self.scene, procedural::NAMES.join(", ")))
+            })?;
+        let (truth, anchor) = render(&*scene, rendering)?;
         let mut capture = sampler.sample(&truth)?;
         capture.info.anchor = Some(f64::from(anchor));
         let job = Job::with(capture.frames(), settings, model, backend)?;

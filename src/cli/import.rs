@@ -7,7 +7,7 @@ use crate::sensor::{CaptureFile, Imported, Importing, Recording, import};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{CaptureOptions, show};
+use super::options::{CaptureArgs, show};
 use super::terminal;
 
 /// Turns a real recording into a capture: layout, black level, timing and schedule
@@ -23,7 +23,7 @@ pub struct Import {
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    options: CaptureOptions,
+    options: CaptureArgs,
     /// Fit response and black level to the recording: where it is static and smooth, neighbouring pixels of different
     /// exposure see the same light
     #[arg(long)]

@@ -45,10 +45,10 @@ enum Command {
     Eval(eval::Eval),
     Suite(suite::SuiteCommand),
     Bench(bench::Bench),
-    View(view::View),
+    View(view::ViewArgs),
     Dataset(dataset::Dataset),
     Devices(devices::Devices),
-    Weights(weights::Weights),
+    Weights(weights::WeightsArgs),
 }
 
 /// Runs the program with the arguments of this process.

@@ -1,6 +1,8 @@
 //! Options that several commands share.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use crate::network;
 use crate::sensor::{
@@ -12,12 +14,19 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// Which net runs where.
+/// Which net runs, and how.
 #[derive(Args, Clone, Debug)]
 pub struct SettingsArgs {
     /// Weights file, or name of a built-in preset
     #[arg(long, default_value = "fast", value_name = "FILE|PRESET")]
     pub weights: String,
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+/// How nets run.
+#[derive(Args, Clone, Debug)]
+pub struct RunArgs {
     /// Where the net runs
     #[arg(long, value_enum, default_value_t)]
     pub executor: ExecutorChoice,
@@ -45,6 +54,55 @@ pub struct SettingsArgs {
     /// down and backwards in time: as many times the work, for 0.2 to 0.3 dB with 8. The mpve patterns have 8
     #[arg(long, default_value_t = 1, value_name = "VIEWS", value_parser = clap::value_parser!(u8).range(1..=64))]
     pub ensemble: u8,
+}
+
+/// Rows and columns of frames, `SIDE` of each where nothing is said.
+#[derive(Args, Clone, Copy, Debug)]
+pub struct SizeArgs<const SIDE: usize> {
+    /// Width and height of a frame in pixels, or one number for both
+    #[arg(long, default_value_t = FrameSize { width: SIDE, height: SIDE }, value_name = "WxH")]
+    size: FrameSize,
+    /// As it was said before.
+    #[arg(long, hide = true, value_parser = at_least_one)]
+    height: Option<usize>,
+    /// As it was said before.
+    #[arg(long, hide = true, value_parser = at_least_one)]
+    width: Option<usize>,
+}
+
+impl<const SIDE: usize> SizeArgs<SIDE> {
+    /// Rows and columns.
+    pub fn extent(&self) -> [usize; 2] {
+        let Self { size, height, width } = self;
+        [height.unwrap_or(size.height), width.unwrap_or(size.width)]
+    }
+}
+
+/// Width and height of a frame, as they are written: `WxH`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameSize {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl fmt::Display for FrameSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+impl FromStr for FrameSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (width, height) = text.split_once('x').unwrap_or((text, text));
+        match (at_least_one(width), at_least_one(height)) {
+            (Ok(width), Ok(height)) => Ok(Self { width, height }),
+            _ => Err("expected width and height, such as 128x96, or one number for both".into()),
+        }
+    }
 }
 
 /// Parses a count of something that must not be empty.
@@ -110,8 +168,15 @@ impl Precision {
 impl SettingsArgs {
     /// What was chosen.
     pub fn settings(&self) -> Settings {
+        self.run.settings(self.weights.clone())
+    }
+}
+
+impl RunArgs {
+    /// What was chosen, for these weights.
+    pub fn settings(&self, weights: String) -> Settings {
         Settings {
-            weights: self.weights.clone(),
+            weights,
             executor: self.executor,
             adapter: self.adapter.clone(),
             precision: self.precision.storage(),
@@ -125,7 +190,7 @@ impl SettingsArgs {
 
 /// The simulated camera.
 #[derive(Args, Clone, Debug)]
-pub struct Camera {
+pub struct CameraArgs {
     /// Sampling pattern: a built-in name or a JSON file [default: mpve-1-4]
     #[arg(long, value_name = "NAME|FILE")]
     pub pattern: Option<String>,
@@ -142,24 +207,27 @@ pub struct Camera {
     /// Read noise in electrons rms [default: 2.67]
     #[arg(long, value_name = "E")]
     pub read_noise: Option<f64>,
-    /// Count at y = 0, so that read noise is not cut off there [default: 0; pe-cmos: 48]
-    #[arg(long, value_name = "COUNT")]
-    pub pedestal: Option<u16>,
+    /// Count at y = 0: above 0, read noise is not cut off there [default: 0; pe-cmos: 48]
+    #[arg(long, alias = "pedestal", value_name = "COUNT")]
+    pub black_level: Option<u16>,
     /// Bits per pixel value [default: 10]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub bit_depth: Option<u32>,
     /// Duration of a frame in milliseconds [default: 1]
-    #[arg(long, value_name = "MS")]
-    pub frame_period: Option<f64>,
-    /// Deliver the last finished read-out, as a live camera does, instead of the covering one
-    #[arg(long)]
+    #[arg(long, alias = "frame-period", value_name = "MS")]
+    pub frame_period_ms: Option<f64>,
+    /// What each frame holds; a live camera holds [default: covering]
+    #[arg(long, value_enum)]
+    pub timing: Option<TimingOption>,
+    /// As it was called before: `--timing hold`.
+    #[arg(long, hide = true, conflicts_with = "timing")]
     pub hold: bool,
     /// Schedule time of the first frame [default: 0]
     #[arg(long, allow_hyphen_values = true, value_name = "FRAME")]
     pub schedule_start: Option<i64>,
     /// How frames lie on the sensor.
     #[command(flatten)]
-    pub placement: PlacementOptions,
+    pub placement: PlacementArgs,
     /// Seed of every random draw
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -167,7 +235,7 @@ pub struct Camera {
 
 /// How frames lie on the sensor.
 #[derive(Args, Clone, Copy, Debug, Default)]
-pub struct PlacementOptions {
+pub struct PlacementArgs {
     /// Row and column of the pattern's tile, as frames show it, at which their first pixel lies: what a crop begins with
     /// [default: 0,0]
     #[arg(long, value_parser = parse_place, value_name = "ROW,COLUMN")]
@@ -217,7 +285,7 @@ impl ResponseOption {
     }
 }
 
-impl Camera {
+impl CameraArgs {
     /// The camera simulator.
     pub fn sampler(&self) -> Result<Sampler> {
         let mut camera = CameraModel::load(&self.camera)?;
@@ -233,11 +301,11 @@ impl Camera {
             given => camera.full_well_e = given.or(camera.full_well_e),
         }
         camera.read_noise_e = self.read_noise.unwrap_or(camera.read_noise_e);
-        camera.black_level = self.pedestal.unwrap_or(camera.black_level);
+        camera.black_level = self.black_level.unwrap_or(camera.black_level);
         camera.bit_depth = self.bit_depth.unwrap_or(camera.bit_depth);
-        camera.frame_period_ms = self.frame_period.unwrap_or(camera.frame_period_ms);
+        camera.frame_period_ms = self.frame_period_ms.unwrap_or(camera.frame_period_ms);
         let mut sampler = camera.sampler(Pattern::load(self.pattern.as_deref().unwrap_or("mpve-1-4"))?)?;
-        sampler.timing = if self.hold { Timing::Hold } else { Timing::Covering };
+        sampler.timing = self.timing().map_or(Timing::Covering, TimingOption::timing);
         sampler.schedule_start = self.schedule_start.unwrap_or(sampler.schedule_start);
         sampler.placement = Placement {
             tile_origin: self.placement.tile_origin.unwrap_or_default(),
@@ -247,29 +315,33 @@ impl Camera {
         Ok(sampler)
     }
 
+    /// What was said of its timing.
+    fn timing(&self) -> Option<TimingOption> {
+        self.timing.or(self.hold.then_some(TimingOption::Hold))
+    }
+
     /// What was said of the camera as keys of `capture.json`, in place of those that a capture has.
     pub fn keys(&self) -> Result<Map<String, Value>> {
         let Self {
             pattern,
             response,
-            hold,
             schedule_start,
             bit_depth,
-            pedestal,
-            frame_period,
+            black_level,
+            frame_period_ms,
             placement,
             ..
         } = self;
-        let given = CaptureOptions {
+        let given = CaptureArgs {
             pattern: pattern.clone(),
             response: response.clone(),
-            timing: hold.then_some(TimingOption::Hold),
+            timing: self.timing(),
             schedule_start: *schedule_start,
             bit_depth: *bit_depth,
-            black_level: pedestal.map(f64::from),
-            frame_period_ms: *frame_period,
+            black_level: black_level.map(f64::from),
+            frame_period_ms: *frame_period_ms,
             placement: *placement,
-            ..CaptureOptions::default()
+            ..CaptureArgs::default()
         };
         given.keys()
     }
@@ -277,7 +349,7 @@ impl Camera {
 
 /// How a recording is to be read, where its JSON file is missing or wrong.
 #[derive(Args, Clone, Debug, Default)]
-pub struct CaptureOptions {
+pub struct CaptureArgs {
     /// Sampling pattern: a built-in name or a JSON file
     #[arg(long, value_name = "NAME|FILE")]
     pub pattern: Option<String>,
@@ -289,7 +361,7 @@ pub struct CaptureOptions {
     pub schedule_start: Option<i64>,
     /// How frames lie on the sensor.
     #[command(flatten)]
-    pub placement: PlacementOptions,
+    pub placement: PlacementArgs,
     /// Bits that carry information
     #[arg(long)]
     pub bit_depth: Option<u32>,
@@ -322,7 +394,17 @@ pub enum TimingOption {
     Hold,
 }
 
-impl CaptureOptions {
+impl TimingOption {
+    /// The library's name for it.
+    fn timing(self) -> Timing {
+        match self {
+            Self::Covering => Timing::Covering,
+            Self::Hold => Timing::Hold,
+        }
+    }
+}
+
+impl CaptureArgs {
     /// The options as keys of `capture.json`.
     pub fn keys(&self) -> Result<Map<String, Value>> {
         let mut keys = Map::new();
@@ -337,13 +419,7 @@ impl CaptureOptions {
         if let Some(response) = &self.response {
             set("response", Some(to_json(&response.form()?)?));
         }
-        set(
-            "timing",
-            self.timing.map(|timing| match timing {
-                TimingOption::Covering => "covering".into(),
-                TimingOption::Hold => "hold".into(),
-            }),
-        );
+        set("timing", self.timing.map(|timing| to_json(&timing.timing())).transpose()?);
         set("schedule_start", self.schedule_start.map(Value::from));
         set("tile_origin", self.placement.tile_origin.map(|place| place.to_vec().into()));
         set("orientation", self.placement.orientation.map(|orientation| to_json(&orientation)).transpose()?);

@@ -9,7 +9,7 @@ use crate::{At, Error, Result};
 use clap::Args;
 use serde_json::json;
 
-use super::options::{Camera, show};
+use super::options::{CameraArgs, show};
 use super::terminal;
 
 /// Simulates the camera: HDR video in, capture out
@@ -21,7 +21,7 @@ pub struct Sample {
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    camera: Camera,
+    camera: CameraArgs,
     /// Scale the video so that its 99th percentile is p = 1, and clip (paper eq. 11)
     #[arg(long)]
     normalise: bool,

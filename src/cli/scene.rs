@@ -9,7 +9,7 @@ use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::options::{at_least_one, show};
+use super::options::{SizeArgs, at_least_one, show};
 use super::terminal;
 
 /// Writes a ground-truth HDR video: a built-in scene, or a clip from a panorama
@@ -24,7 +24,7 @@ pub struct SceneCommand {
     #[arg(long, value_name = "PATH")]
     out: PathBuf,
     #[command(flatten)]
-    size: Size,
+    clip: ClipArgs,
     /// Cut the clip from this equirectangular panorama (.exr or .hdr)
     #[arg(long, value_name = "FILE")]
     panorama: Option<PathBuf>,
@@ -45,21 +45,17 @@ pub struct SceneCommand {
     json: bool,
 }
 
-/// Size of a rendering.
+/// What is rendered of a scene.
 #[derive(Args, Clone, Copy, Debug)]
-pub struct Size {
+pub struct ClipArgs {
     /// Number of frames
     #[arg(long, default_value_t = 64, value_parser = at_least_one)]
-    pub frames: usize,
-    /// Rows in pixels
-    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
-    pub height: usize,
-    /// Columns in pixels
-    #[arg(long, default_value_t = 256, value_parser = at_least_one)]
-    pub width: usize,
+    frames: usize,
+    #[command(flatten)]
+    size: SizeArgs<256>,
     /// Samples per pixel and frame: instants of motion blur
     #[arg(long, default_value_t = 8, value_parser = at_least_one)]
-    pub samples: usize,
+    samples: usize,
 }
 
 /// What moves.
@@ -74,30 +70,35 @@ enum MovesOption {
     Both,
 }
 
-impl Size {
-    /// Renders and normalises `scene`, with a progress bar. Returns the anchor too.
-    pub fn render(&self, scene: &dyn Scene, seed: u64) -> Result<(Video, f32)> {
-        let Self { frames, height, width, samples } = *self;
-        let pixels = frames.checked_mul(height).and_then(|n| n.checked_mul(width)).filter(|n| *n <= 1 << 31);
-        if pixels.is_none() {
-            return Err(Error::Usage(format!(
-                "{frames} frames of {height}×{width} pixels do not fit into memory"
-            )));
-        }
-        let bar = terminal::progress(frames, "rendering");
-        let how = Rendering { frames, height, width, instants: samples, positions: 1, seed };
-        let mut video = scene::render(scene, how, || bar.inc(1));
-        bar.finish_and_clear();
-        let anchor = video.normalise();
-        Ok((video, anchor))
+impl ClipArgs {
+    /// How it is rendered.
+    pub fn rendering(&self, seed: u64) -> Rendering {
+        let [height, width] = self.size.extent();
+        Rendering { frames: self.frames, height, width, instants: self.samples, positions: 1, seed }
     }
+}
+
+/// Renders and normalises `scene`, with a progress bar. Returns the anchor too.
+pub fn render(scene: &dyn Scene, how: Rendering) -> Result<(Video, f32)> {
+    let Rendering { frames, height, width, .. } = how;
+    let pixels = frames.checked_mul(height).and_then(|n| n.checked_mul(width)).filter(|n| *n <= 1 << 31);
+    if pixels.is_none() {
+        return Err(Error::Usage(format!(
+            "{frames} frames of {width}×{height} pixels do not fit into memory"
+        )));
+    }
+    let bar = terminal::progress(frames, "rendering");
+    let mut video = scene::render(scene, how, || bar.inc(1));
+    bar.finish_and_clear();
+    let anchor = video.normalise();
+    Ok((video, anchor))
 }
 
 impl SceneCommand {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         let scene = self.scene()?;
-        let (video, anchor) = self.size.render(&*scene, self.seed)?;
+        let (video, anchor) = render(&*scene, self.clip.rendering(self.seed))?;
         let how = Writing {
             half: self.half,
             overwrite: self.overwrite,
@@ -105,18 +106,18 @@ impl SceneCommand {
             anchor: Some(anchor),
         };
         video::write(&self.out, &video, how)?;
-        let Size { frames, height, width, .. } = self.size;
+        let Rendering { frames, height, width, .. } = self.clip.rendering(self.seed);
         let report = json!({
             "scene": self.name, "frames": frames, "height": height, "width": width,
             "anchor": anchor, "files": [show(&self.out)],
         });
         terminal::result(self.json, &report, || {
-            format!("{}: {frames} frames of {height}×{width}, p = 1 at radiance {anchor:.4}", show(&self.out))
+            format!("{}: {frames} frames of {width}×{height}, p = 1 at radiance {anchor:.4}", show(&self.out))
         })
     }
 
     fn scene(&self) -> Result<Box<dyn Scene>> {
-        let Size { height, width, frames, .. } = self.size;
+        let Rendering { height, width, frames, .. } = self.clip.rendering(self.seed);
         let Some(path) = &self.panorama else {
             return procedural::by_name(&self.name, height, width, self.seed).ok_or_else(|| {
                 Error::Usage(format!("no scene '{}'; there are {}", self.name, procedural::NAMES.join(", ")))

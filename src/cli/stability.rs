@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::bench::stability::{self, Input, NamedCalibration, Trial, TrialOutcome, WeightStress};
 use crate::bench::{CheckFailed, Sensitivity, Soak, sensitivity, soak};
 use crate::network::Model;
-use crate::scene::procedural;
+use crate::scene::{Rendering, procedural};
 use crate::sensor::{Form, Pattern};
 use crate::synth::{Backend, Skip};
 use crate::video::atomic;
@@ -13,7 +13,7 @@ use crate::{Error, Result};
 use serde_json::json;
 
 use super::options::show;
-use super::scene::Size;
+use super::scene::render;
 use super::table::{Table, figure};
 use super::terminal;
 
@@ -47,8 +47,9 @@ impl Stability<'_> {
             let pattern = Pattern::built_in(name)?;
             let scene = procedural::by_name(SCENE, 64, 64, self.seed)
                 .ok_or_else(|| Error::Usage(format!("no scene '{SCENE}'")))?;
-            let size = Size { frames: 64, height: 64, width: 64, samples: 8 };
-            let (truth, _) = size.render(&*scene, self.seed)?;
+            let seed = self.seed;
+            let how = Rendering { frames: 64, height: 64, width: 64, instants: 8, positions: 1, seed };
+            let (truth, _) = render(&*scene, how)?;
             sensitivities = sensitivity(net, &pattern, &truth, backend)?;
             let frames = if self.quick { 4000 } else { 100_000 };
             for skip in [Skip::Off, Skip::Exact, Skip::Bounded(Skip::ALLOWED_ERROR)] {

@@ -11,7 +11,7 @@ use crate::synth::Synthesizer;
 use clap::Args;
 use serde_json::json;
 
-use super::options::{SettingsArgs, at_least_one};
+use super::options::{RunArgs, SizeArgs, at_least_one};
 use super::terminal;
 
 /// Measures quality on the same deterministic clips for every method, from any folder of panoramas
@@ -23,20 +23,19 @@ pub struct SuiteCommand {
     /// Folder of equirectangular panoramas (.exr or .hdr)
     #[arg(long, value_name = "FOLDER")]
     panoramas: PathBuf,
+    /// Weights files or presets to compare
+    #[arg(long, value_delimiter = ',', default_value = "fast", value_name = "FILE|PRESET,…")]
+    weights: Vec<String>,
     #[command(flatten)]
-    settings: SettingsArgs,
-    /// More weights files or presets to compare
-    #[arg(value_name = "FILE|PRESET")]
-    more: Vec<String>,
+    run: RunArgs,
     /// Sampling pattern: a built-in name or a JSON file
     #[arg(long, default_value = "mpve-1-4", value_name = "NAME|FILE")]
     pattern: String,
     /// Frames per clip
     #[arg(long, default_value_t = 32, value_parser = at_least_one)]
     frames: usize,
-    /// Rows and columns
-    #[arg(long, default_value_t = 128, value_parser = at_least_one)]
-    size: usize,
+    #[command(flatten)]
+    size: SizeArgs<128>,
     /// Seed of the clips and of the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -51,14 +50,15 @@ impl SuiteCommand {
         let pattern = Pattern::load(&self.pattern)?;
         let response = Response::new(Form::Linear, pattern.shortest_exposure() as f64)?;
         let calibration = Calibration::new(&pattern, &response);
-        let extent = [self.size, self.size];
+        let extent = self.size.extent();
         let panoramas = Panorama::read_folder(&self.panoramas)?;
-        let settings = self.settings.settings();
-        let backend = settings.backend()?;
+        let settings: Vec<_> = self.weights.iter().map(|name| self.run.settings(name.clone())).collect();
+        let backend = settings[0].backend()?;
         let mut methods = vec![("box".to_owned(), Method::Box)];
-        for name in std::iter::once(&self.settings.weights).chain(&self.more) {
+        for settings in &settings {
+            let (name, calibration) = (&settings.weights, calibration.clone());
             let model = Model::load_for(name, &pattern)?;
-            let synthesizer = Synthesizer::new(&model, calibration.clone(), extent, &backend, &settings)?;
+            let synthesizer = Synthesizer::new(&model, calibration, extent, &backend, settings)?;
             methods.push((name.clone(), Method::Net(Box::new(synthesizer))));
         }
         let suite = Suite { pattern, frames: self.frames, extent, seed: self.seed };

@@ -14,7 +14,7 @@ use crate::{Error, Result};
 use clap::Args;
 
 use super::interrupt::stop_on_signal;
-use super::options::{CaptureOptions, SettingsArgs, show};
+use super::options::{CaptureArgs, SettingsArgs, show};
 use super::terminal;
 
 /// Synthesises HDR video: capture in, 1000 fps HDR video out
@@ -34,7 +34,7 @@ pub struct Synth {
     #[command(flatten)]
     settings: SettingsArgs,
     #[command(flatten)]
-    options: CaptureOptions,
+    options: CaptureArgs,
     /// Ground truth to compare with
     #[arg(long, value_name = "PATH")]
     truth: Option<PathBuf>,

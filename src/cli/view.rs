@@ -18,13 +18,13 @@ const VIEWER: &str = "pix2hdr-viewer";
 /// shows its options. In the repository, `cargo build --release -p pix2hdr-viewer` builds it.
 #[derive(Args)]
 #[command(disable_help_flag = true)]
-pub struct View {
+pub struct ViewArgs {
     /// What to show, and options of the viewer
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENT")]
     arguments: Vec<OsString>,
 }
 
-impl View {
+impl ViewArgs {
     /// Runs the command, which does not return where the viewer starts.
     pub fn run(&self, verbose: u8) -> Result<()> {
         let name = format!("{VIEWER}{}", env::consts::EXE_SUFFIX);

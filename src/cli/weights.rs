@@ -9,7 +9,7 @@ use super::terminal;
 
 /// Shows what is in a weights file, or lists the built-in presets
 #[derive(Args)]
-pub struct Weights {
+pub struct WeightsArgs {
     /// Weights file or preset; without it, the presets are listed
     weights: Option<String>,
     /// Print one JSON object
@@ -17,7 +17,7 @@ pub struct Weights {
     json: bool,
 }
 
-impl Weights {
+impl WeightsArgs {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         let Some(name) = &self.weights else {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgAction, Parser, ValueEnum};
 use pix2hdr::Result;
-use pix2hdr::cli::options::{Camera, SettingsArgs, at_least_one};
+use pix2hdr::cli::options::{CameraArgs, SettingsArgs, SizeArgs};
 use pix2hdr::cli::terminal;
 use pix2hdr::network::Model;
 use pix2hdr::scene::Speed;
@@ -32,12 +32,8 @@ pub struct Arguments {
     /// Frames per second at first; 1000 is real speed for frames of 1 ms [default: as last time, or 30]
     #[arg(long, value_name = "FPS", value_parser = rate)]
     rate: Option<f64>,
-    /// Rows of scenes and clips of panoramas
-    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
-    height: usize,
-    /// Columns of scenes and clips of panoramas
-    #[arg(long, default_value_t = 192, value_parser = at_least_one)]
-    width: usize,
+    #[command(flatten)]
+    size: SizeArgs<192>,
     /// How fast a clip of a panorama moves
     #[arg(long, value_enum, default_value_t)]
     speed: SpeedOption,
@@ -51,7 +47,7 @@ pub struct Arguments {
     #[arg(long, default_value = "out/view", value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    camera: Camera,
+    camera: CameraArgs,
     #[command(flatten)]
     engine: SettingsArgs,
     /// Which wgpu device draws the window
@@ -124,7 +120,7 @@ impl Arguments {
             source: SourceName::parse(&self.source),
             opening: Opening {
                 sampler: self.camera.sampler()?,
-                extent: [self.height, self.width],
+                extent: self.size.extent(),
                 seed: self.camera.seed,
                 speed,
                 keys: self.camera.keys()?,

@@ -198,7 +198,7 @@ fn other_commands(quick: bool) -> Vec<String> {
         "sample {fan.npy} --out capture --response soft-knee:0.6 --bit-depth 12 --hold",
         "dataset --panoramas {panoramas} --out cubes --cubes 3 --frames 12 --size 16",
         "eval {fan.npy} {edge.npy}",
-        "suite tiny --panoramas {panoramas} --weights tiny --executor cpu --frames 9 --size 16",
+        "suite --panoramas {panoramas} --weights tiny --executor cpu --frames 9 --size 16",
     ] {
         lines.push(line.into());
     }
