@@ -512,3 +512,49 @@ fn without_the_viewer_a_line_says_how_to_get_it() {
         program::failed(&output, "view", &["pix2hdr-viewer", "PATH", cure], &folder.path().join("out"));
     }
 }
+
+/// A recording that contradicts its description says so, with the option that cures it, before the work and without being
+/// asked; cured, nothing is said.
+#[test]
+fn a_recording_is_held_against_its_description() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (truth, sound) = (path("truth.npy"), path("sound"));
+    succeeds(&["scene", "fan", "--frames", "72", "--size", "64x64", "--samples", "2", "--out", &truth]);
+    succeeds(&["sample", &truth, "--out", &sound, "--schedule-start", "5"]);
+    let array = fs::read(Path::new(&sound).join("capture.npy")).unwrap();
+    let description = fs::read_to_string(Path::new(&sound).join("capture.json")).unwrap();
+    let synth = |name: &str, options: &[&str]| {
+        let (capture, out) = (path(name), path("result.npy"));
+        let fixed =
+            ["synth", &capture, "--out", &out, "--overwrite", "--executor", "cpu", "--weights", "tiny"];
+        let output = pix2hdr(&[&fixed[..], options].concat());
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let write = |name: &str, counts: &Counts| {
+        fs::create_dir(path(name)).unwrap();
+        npy::write_counts(Path::new(&path(name)).join("capture.npy"), &[72, 64, 64], counts).unwrap();
+        fs::write(Path::new(&path(name)).join("capture.json"), &description).unwrap();
+    };
+    let header = array.len() - 2 * 72 * 64 * 64;
+    let counts = array[header..].chunks(2).map(|count| u16::from_le_bytes([count[0], count[1]]));
+    assert_eq!(synth("sound", &[]), "");
+    write("left", &Counts::U16(counts.clone().map(|count| count << 6).collect()));
+    let said = synth("left", &[]);
+    assert!(said.lines().count() == 1 && said.contains("--bit-depth 16 --white-level 65472"), "{said}");
+    assert_eq!(synth("left", &["--bit-depth", "16", "--white-level", "65472"]), "");
+    write("bytes", &Counts::U8(counts.clone().map(|count| (count >> 2) as u8).collect()));
+    let said = synth("bytes", &[]);
+    assert!(said.lines().count() == 1 && said.contains("--bit-depth 8 --white-level 255"), "{said}");
+    assert_eq!(synth("bytes", &["--bit-depth", "8", "--white-level", "255"]), "");
+    let said = synth("sound", &["--schedule-start", "0", "--timing", "hold"]);
+    assert!(said.contains("--schedule-start 5\n") && said.contains("--timing covering\n"), "{said}");
+    // What it shows is written, whatever is said.
+    let wrong = ["--schedule-start", "2", "--tile-origin", "0,3", "--timing", "hold", "--detect", "--json"];
+    let found = succeeds(&[&["import", &sound, "--out", &path("found")][..], &wrong].concat());
+    let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+    assert_eq!(found["detected"]["schedule"]["as_described"], false, "{found}");
+    assert_eq!(synth("found", &[]), "");
+    assert_eq!(fs::read(Path::new(&path("found")).join("capture.npy")).unwrap(), array);
+}

@@ -7,9 +7,7 @@ use std::path::{Path, PathBuf};
 
 use pix2hdr::cpu::CpuExecutor;
 use pix2hdr::network::{Executor, Graph, Model, Plan};
-use pix2hdr::sensor::{
-    Calibration, CameraModel, CaptureFile, Defects, Form, Pattern, Response, check_exposure_ratio,
-};
+use pix2hdr::sensor::{Calibration, CameraModel, CaptureFile, Defects, Form, Pattern, Response};
 use pix2hdr::video;
 use serde_json::Map;
 
@@ -239,13 +237,9 @@ fn use_capture(array: &Path) -> bool {
     };
     use_calibration(&file.recording.calibration());
     use_response(&file.recording.response);
-    let looks: Vec<usize> = (0..file.frames.min(4)).collect();
-    let excerpt = match file.excerpt(&looks) {
-        Ok(excerpt) => excerpt,
+    match file.first_look() {
+        Ok(inspection) => inspection.findings().iter().for_each(|finding| drop(finding.to_string())),
         Err(error) => return told(&error),
-    };
-    if let Some(check) = check_exposure_ratio(&excerpt) {
-        let _ = check.warning();
     }
     let values = match file.pixel_values(file.frames - 1) {
         Ok(values) => values,

@@ -21,13 +21,13 @@ const SEED: u64 = 5;
 
 /// What is recorded: a scene, electrons at white, and whether anything in it moves.
 const SCENES: [(&str, f64, &str); 9] = [
-    ("fan", 9000.0, "in motion"),
-    ("fan", 200.0, "in motion, much noise"),
-    ("fan", f64::INFINITY, "in motion, no noise"),
-    ("falling", 9000.0, "in motion"),
+    ("fan", 9000.0, "a fan"),
+    ("fan", 200.0, "a fan, much noise"),
+    ("fan", f64::INFINITY, "a fan, no noise"),
+    ("falling", 9000.0, "falling things"),
     ("still-moving", 9000.0, "almost still"),
     ("wedge-moving", 1000.0, "almost still, noise"),
-    ("leds", 9000.0, "flashing"),
+    ("leds", 9000.0, "flashing lamps"),
     ("still", 9000.0, "still"),
     ("still", f64::INFINITY, "still, no noise"),
 ];

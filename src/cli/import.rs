@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use crate::Result;
-use crate::sensor::{CaptureFile, Imported, Importing, Recording, import};
+use crate::sensor::{CaptureFile, Detection, Imported, Importing, Recording, Timing, import};
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::options::{CaptureArgs, show};
 use super::terminal;
@@ -16,6 +16,7 @@ use super::terminal;
 /// recording of the last finished read-outs (--timing hold) is shifted so that each frame holds the exposure that
 /// covers it; a live source that needs that waits for the longest exposure.
 #[derive(Args)]
+#[allow(clippy::struct_excessive_bools)] // Flags of a command line.
 pub struct Import {
     /// The recording (.npy, u8 or u16)
     file: PathBuf,
@@ -28,6 +29,10 @@ pub struct Import {
     /// exposure see the same light
     #[arg(long)]
     fit_response: bool,
+    /// Take tile origin, orientation, schedule start and timing from the recording itself, whose counts change only at
+    /// read-outs; what it does not clearly show stays as described
+    #[arg(long)]
+    detect: bool,
     /// Replace what is there
     #[arg(long)]
     overwrite: bool,
@@ -40,21 +45,19 @@ impl Import {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         let file = CaptureFile::open(&self.file, &self.options.keys()?)?;
-        let how = Importing { fit_response: self.fit_response, overwrite: self.overwrite };
-        let Imported { recording, frames, files, fit, levels, exposure } = import(file, &self.out, how)?;
-        let ratio = match exposure {
-            Some(check) => check.warning(),
-            None => {
-                Some("too few static, well exposed pixels to check how values scale with exposure".into())
-            }
-        };
-        for warning in [levels, ratio].into_iter().flatten() {
-            terminal::warn(&warning);
+        let Self { fit_response, detect, overwrite, .. } = *self;
+        let how = Importing { fit_response, detect, overwrite };
+        let Imported { recording, frames, files, fit, detection, findings, exposure } =
+            import(file, &self.out, how)?;
+        findings.iter().for_each(terminal::warn);
+        if exposure.is_none() {
+            terminal::warn("too few static, well exposed pixels to check how values scale with exposure");
         }
         let Recording { pattern, info, height, width, .. } = &recording;
         let latency = pattern.longest_readout() as f64 * info.frame_period_ms;
         let report = json!({
             "pattern": pattern.name(), "frames": frames, "height": height, "width": width,
+            "detected": detection.as_ref().map(detected_json),
             "exposure_exponent": exposure.map(|check| check.exponent),
             "response_difference": fit.as_ref().map(|fit| fit.difference), "live_latency_ms": latency, "files": files.each_ref().map(|path| show(path)),
         });
@@ -69,8 +72,9 @@ impl Import {
                 )
             });
             let exponent = exposure.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
+            let detected = detection.as_ref().map_or_else(String::new, detected_text);
             format!(
-                "{}: {} frames of {}×{}, pattern {}\nvalues scale with exposure to the power of {exponent} (1 is \
+                "{}: {} frames of {}×{}, pattern {}{detected}\nvalues scale with exposure to the power of {exponent} (1 is \
                  right)\na live source of this pattern lags by its longest exposure, {latency} ms{fitted}",
                 show(&files[0]),
                 frames,
@@ -80,4 +84,40 @@ impl Import {
             )
         })
     }
+}
+
+/// What a recording showed of its schedule, in words.
+fn detected_text(detection: &Detection) -> String {
+    let schedule = match &detection.schedule {
+        Some(found) => {
+            let [row, col] = found.placement.tile_origin;
+            let orientation = found.placement.orientation.name();
+            let gaps = if found.gaps.is_empty() { "no frame" } else { "some frames" };
+            format!(
+                "tile origin {row},{col}, orientation {orientation}, schedule start {}; {gaps} missing",
+                found.schedule_start
+            )
+        }
+        None => "tile origin, orientation and schedule start are not known, and stay as described".into(),
+    };
+    let timing = match detection.timing {
+        Some(Timing::Covering) => "frames hold the exposures that cover them",
+        Some(Timing::Hold) => "frames hold the last finished read-outs",
+        None => "what frames hold is not known, and stays as described",
+    };
+    format!("\ndetected: {schedule}\ndetected: {timing}")
+}
+
+/// The same as JSON.
+fn detected_json(detection: &Detection) -> Value {
+    let schedule = detection.schedule.as_ref().map(|found| {
+        let gaps: Vec<Value> =
+            found.gaps.iter().map(|gap| json!({"frame": gap.frame, "missing": gap.missing})).collect();
+        json!({
+            "tile_origin": found.placement.tile_origin, "orientation": found.placement.orientation,
+            "schedule_start": found.schedule_start, "as_described": found.as_described, "gaps": gaps,
+            "leak": found.leak,
+        })
+    });
+    json!({"schedule": schedule, "timing": detection.timing})
 }

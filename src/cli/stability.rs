@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::bench::stability::{self, Input, NamedCalibration, Trial, TrialOutcome, WeightStress};
-use crate::bench::{CheckFailed, Sensitivity, Soak, sensitivity, soak};
+use crate::bench::{CheckFailed, DetectionRate, Sensitivity, Soak, detection, sensitivity, soak};
 use crate::network::Model;
 use crate::scene::{Rendering, procedural};
 use crate::sensor::{Form, Pattern};
@@ -56,8 +56,9 @@ impl Stability<'_> {
                 soaks.push(soak(net, pattern.clone(), backend, frames, skip)?);
             }
         }
+        let detections = detection()?;
         let report = json!({
-            "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
+            "detection": detections, "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
         });
         let text = serde_json::to_vec_pretty(&report)?;
         atomic::write_bytes(path, &text)?;
@@ -66,6 +67,7 @@ impl Stability<'_> {
                 kernel_table(&outcomes),
                 net_table(&outcomes),
                 sensitivity_table(&sensitivities),
+                detection_table(&detections),
                 soak_table(&soaks),
             ];
             let tables = tables.map(|table| table.text(markdown)).join("\n\n");
@@ -190,6 +192,22 @@ fn sensitivity_table(rows: &[Sensitivity]) -> Table {
         let [with, without] = [row.psnr_mu_db, row.undisturbed_db];
         let change = format!("{:+.2}", with - without);
         table.row(vec![row.disturbance.clone(), figure(Some(with), 2), figure(Some(without), 2), change]);
+    }
+    table
+}
+
+fn detection_table(rows: &[DetectionRate]) -> Table {
+    let mut table =
+        Table::new(&["recordings", "counts", "number", "schedule found, %", "timing found, %", "wrong"]);
+    for row in rows {
+        table.row(vec![
+            row.scene.to_owned(),
+            row.counts.to_owned(),
+            row.recordings.to_string(),
+            figure(Some(row.schedule_percent), 1),
+            figure(Some(row.timing_percent), 1),
+            row.wrong.to_string(),
+        ]);
     }
     table
 }

@@ -1,11 +1,10 @@
 //! `pix2hdr synth`: the main job.
 
 use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
 use std::time::Instant;
 
-use crate::job::{
-    Begin, Fingerprint, Job, Outcome, Resumable, Sheet, Sink, Summary, Truth, Unfinished, warnings,
-};
+use crate::job::{Begin, Fingerprint, Job, Outcome, Resumable, Sheet, Sink, Summary, Truth, Unfinished};
 use crate::quality::Measures;
 use crate::sensor::{CaptureFile, Timing};
 use crate::synth::Report;
@@ -72,13 +71,15 @@ impl Synth {
             tracing::info!("sample and hold: a live source of this pattern lags by {latency} ms");
         }
         file.check_not_itself(&self.target())?;
-        warnings(&mut file)?.iter().for_each(terminal::warn);
+        let said = file.first_look()?.findings();
+        said.iter().for_each(terminal::warn);
         let sheet = self.folder().map(|folder| {
             let recording = file.recording.clone();
             Sheet::new(folder.to_owned(), recording, frames, |t| file.pixel_values(t))
         });
         let (sheet, made) = (sheet.transpose()?, Fingerprint::of(&file)?);
-        let job = Job::new(file.into_frames(), self.settings.settings())?;
+        let (source, inspection) = file.into_inspected_frames();
+        let job = Job::new(source, self.settings.settings())?;
         job.warnings().iter().for_each(terminal::warn);
         let sinks = self.sinks(&job, frames, sheet, made)?;
         stop_on_signal(&job.stop())?;
@@ -88,6 +89,9 @@ impl Synth {
         let run = job.run(sinks, |done| bar.set_position(done as u64));
         bar.finish_and_clear();
         let Outcome { output: (result, preview, sheet, measures), report, summary } = run.map_err(told)?;
+        let found = inspection.lock().unwrap_or_else(PoisonError::into_inner).findings();
+        let new = found.iter().filter(|finding| !said.iter().any(|said| said.is_like(finding)));
+        new.for_each(terminal::warn);
         let files = [result].into_iter().chain(preview).chain(sheet.into_iter().flatten());
         self.tell(files.collect(), measures.as_ref(), (&report, &summary), begun)
     }

@@ -24,4 +24,4 @@ pub use sheet::{Sheet, contact_sheet, shown_frames};
 pub use sink::{Each, Left, Sink};
 pub use summary::Summary;
 pub use truth::Truth;
-pub use warning::{Warning, warnings};
+pub use warning::Warning;

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use serde_json::{Map, Value};
@@ -9,13 +10,18 @@ use serde_json::{Map, Value};
 use super::capture::{ARRAY, described_in};
 use super::covering::{Covering, HeldFrames, Pixels};
 use super::text::read_text;
-use super::{Capture, CaptureInfo, Recording, SensorError, Source, Timing};
+use super::{Capture, CaptureInfo, Inspection, Recording, SensorError, Source, Timing};
 use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::frame::Frame;
+use crate::math::spread;
 use crate::system::is_same_file;
 use crate::video::{Counts, ReadCounts, check_size, open_counts};
 use crate::video::{counts_in, holds_counts};
 use crate::{At, Error, Result};
+
+/// Frames of a first look: some of all, and so many at the beginning, which show the schedule.
+const LOOKS: usize = 16;
+const FIRST: usize = 64;
 
 /// A capture on disk, of which only what is asked for is read.
 #[derive(Debug)]
@@ -158,10 +164,11 @@ impl CaptureFile {
         })
     }
 
-    /// The counts of all frames, as the exposures that cover them.
-    pub(super) fn into_covering_counts(self) -> CoveringCounts {
+    /// The counts of all frames, as the exposures that cover them, while `inspection` sees them as they stand there.
+    pub(super) fn into_covering_counts(self, inspection: Inspection) -> CoveringCounts {
         let held = self.recording.info.timing == Timing::Hold;
         CoveringCounts {
+            inspection,
             covering: held.then(|| Covering::new(&self.recording, 0)),
             times: 0..self.frames,
             file: self,
@@ -170,8 +177,46 @@ impl CaptureFile {
 
     /// All frames, as the exposures that cover them.
     pub fn into_frames(self) -> Box<dyn Source> {
+        self.into_inspected_frames().0
+    }
+
+    /// The same, which are held against the description as they are read.
+    pub fn into_inspected_frames(self) -> (Box<dyn Source>, Arc<Mutex<Inspection>>) {
+        let inspection = Arc::new(Mutex::new(self.inspection()));
         let Self { recording, frames, mut counts, .. } = self;
-        CountedFrames::new(recording, frames, move |t| counts.frame(t)).covering()
+        let inspected = Arc::clone(&inspection);
+        let frame = move |t| {
+            let counts = counts.frame(t)?;
+            inspected.lock().unwrap_or_else(PoisonError::into_inner).add(&counts);
+            Ok(counts)
+        };
+        (CountedFrames::new(recording, frames, frame).covering(), inspection)
+    }
+
+    /// One that has seen nothing yet.
+    fn inspection(&self) -> Inspection {
+        Inspection::new(&self.recording, self.bits(), self.frames)
+    }
+
+    /// Holds the first frames, and some of all, against the description: a look before the work, which sees all.
+    pub fn first_look(&mut self) -> Result<Inspection> {
+        let mut inspection = self.inspection();
+        for t in spread(self.frames, LOOKS) {
+            inspection.glance(&self.counts(t)?);
+        }
+        for t in 0..self.frames.min(FIRST) {
+            inspection.follow(&self.counts(t)?);
+        }
+        Ok(inspection)
+    }
+
+    /// Holds all frames against the description.
+    pub(super) fn inspect(&mut self) -> Result<Inspection> {
+        let mut inspection = self.inspection();
+        for t in 0..self.frames {
+            inspection.add(&self.counts(t)?);
+        }
+        Ok(inspection)
     }
 }
 
@@ -182,13 +227,21 @@ pub(super) struct CoveringCounts {
     times: Range<usize>,
     /// What puts them together, where the file holds read-outs.
     covering: Option<Covering<Counts>>,
+    /// What sees them.
+    pub inspection: Inspection,
 }
 
 impl CoveringCounts {
     /// Those of the next frame, if there is one.
     pub fn next(&mut self) -> Result<Option<Counts>> {
-        let Self { file, times, covering } = self;
-        let mut read = || times.next().map(|t| file.counts(t)).transpose();
+        let Self { file, times, covering, inspection } = self;
+        let mut read = || {
+            let counts = times.next().map(|t| file.counts(t)).transpose()?;
+            if let Some(counts) = &counts {
+                inspection.add(counts);
+            }
+            Ok(counts)
+        };
         match covering {
             Some(covering) => covering.next(read),
             None => read(),

@@ -17,12 +17,18 @@ pub enum Orientation {
     /// Upside down, as in a mirror
     FlipVertical,
     /// Turned by half
+    #[serde(rename = "rotate-180")]
+    #[cfg_attr(feature = "cli", value(name = "rotate-180"))]
     Rotate180,
     /// Rows and columns exchanged
     Transpose,
     /// A quarter clockwise
+    #[serde(rename = "rotate-90")]
+    #[cfg_attr(feature = "cli", value(name = "rotate-90"))]
     Rotate90,
     /// A quarter counter-clockwise
+    #[serde(rename = "rotate-270")]
+    #[cfg_attr(feature = "cli", value(name = "rotate-270"))]
     Rotate270,
     /// Rows and columns exchanged, then turned by half
     Transverse,
@@ -40,6 +46,20 @@ impl Orientation {
         Self::Rotate270,
         Self::Transverse,
     ];
+
+    /// Its name, as descriptions and options have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Normal => "normal",
+            Self::FlipHorizontal => "flip-horizontal",
+            Self::FlipVertical => "flip-vertical",
+            Self::Rotate180 => "rotate-180",
+            Self::Transpose => "transpose",
+            Self::Rotate90 => "rotate-90",
+            Self::Rotate270 => "rotate-270",
+            Self::Transverse => "transverse",
+        }
+    }
 
     /// Whether a row of the frame is a column of the sensor.
     pub fn transposes(self) -> bool {
@@ -170,6 +190,14 @@ mod tests {
         assert_eq!(shown([0, 0], Orientation::Rotate90), (4, vec![4, 0, 5, 1, 6, 2, 7, 3]));
         assert_eq!(shown([0, 0], Orientation::Rotate270), (4, vec![3, 7, 2, 6, 1, 5, 0, 4]));
         assert_eq!(shown([0, 0], Orientation::Transverse), (4, vec![7, 3, 6, 2, 5, 1, 4, 0]));
+        for orientation in Orientation::ALL {
+            assert_eq!(serde_json::to_value(orientation).unwrap(), orientation.name());
+            #[cfg(feature = "cli")]
+            assert_eq!(
+                clap::ValueEnum::to_possible_value(&orientation).unwrap().get_name(),
+                orientation.name()
+            );
+        }
         assert_eq!(shown([3, 1], Orientation::Transpose), (4, vec![7, 3, 4, 0, 5, 1, 6, 2]));
     }
 

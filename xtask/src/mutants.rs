@@ -21,7 +21,21 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 24] = [
+const MUTANTS: [Mutant; 26] = [
+    Mutant {
+        what: "a placement whose pixels change between its read-outs fits too",
+        file: "src/sensor/detection/placing.rs",
+        sound: "open |= held > FOR * read || !even;",
+        faulty: "open |= !even;",
+        test: ["lib", "what_is_not_clear_is_not_known"],
+    },
+    Mutant {
+        what: "a pattern that reads out half as often fits too",
+        file: "src/sensor/detection/placing.rs",
+        sound: "rate(t) >= EVEN * read",
+        faulty: "rate(t) >= 0.0",
+        test: ["lib", "what_is_not_clear_is_not_known"],
+    },
     Mutant {
         what: "a crop is moved by its place in the pattern's tile alone, not in the net's grid",
         file: "src/synth/on_sensor.rs",

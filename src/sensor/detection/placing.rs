@@ -12,8 +12,8 @@ const ENOUGH: u64 = 30;
 const CLEAR: f64 = 0.5;
 /// How much a class may change at any time between read-outs, as a part of how much it changes at them, to speak for a candidate; and
 /// from where on it speaks against it. Where it does neither, nothing is known.
-const FOR: f64 = 0.35;
-const AGAINST: f64 = 0.6;
+const FOR: f64 = 0.6;
+const AGAINST: f64 = 0.75;
 /// How much each read-out of two periods has to change at least, as a part of the mean one: a pattern that reads out half
 /// as often would fit too.
 const EVEN: f64 = 0.05;
