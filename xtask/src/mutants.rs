@@ -23,18 +23,18 @@ struct Mutant {
 
 const MUTANTS: [Mutant; 26] = [
     Mutant {
-        what: "a placement whose pixels change between its read-outs fits too",
+        what: "placements that change alike, but expose pixels otherwise, are told apart",
         file: "src/sensor/detection/placing.rs",
-        sound: "open |= held > FOR * read || !even;",
-        faulty: "open |= !even;",
-        test: ["lib", "what_is_not_clear_is_not_known"],
+        sound: "found.is_none() && !self.ambiguous[kind]",
+        faulty: "found.is_none()",
+        test: ["lib", "sensor::detection::tests::what_is_not_clear_is_not_known"],
     },
     Mutant {
         what: "a pattern that reads out half as often fits too",
         file: "src/sensor/detection/placing.rs",
         sound: "rate(t) >= EVEN * read",
         faulty: "rate(t) >= 0.0",
-        test: ["lib", "what_is_not_clear_is_not_known"],
+        test: ["lib", "sensor::detection::tests::what_is_not_clear_is_not_known"],
     },
     Mutant {
         what: "a crop is moved by its place in the pattern's tile alone, not in the net's grid",
