@@ -10,15 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 /// A convolution does not look at the camera.
 fn no_camera() -> Calibration {
-    Calibration {
-        period: 1,
-        rows: 1,
-        cols: 1,
-        exposures: vec![1.0],
-        inverse_response: vec![0.0, 1.0],
-        placement: pix2hdr::sensor::Placement::WHOLE,
-        symmetries: vec![pix2hdr::sensor::Symmetry::IDENTITY],
-    }
+    Calibration::from_tables([1; 3], vec![1.0], vec![0.0, 1.0]).unwrap()
 }
 
 struct Case {

@@ -27,7 +27,8 @@ fn run(kernel: &Kernel, inputs: &[Tensor<f64>], output: Shape) -> Tensor<f64> {
 
 /// R⁻¹ from the table.
 fn inverse_response(y: f64) -> f64 {
-    let table = camera().inverse_response;
+    let camera = camera();
+    let table = camera.inverse_response();
     let n = table.len() - 1;
     if y >= 1.0 {
         return table[n] as f64;

@@ -70,8 +70,8 @@ fn seen(capture: &Capture, view: Symmetry) -> Capture {
         let [t, y, x] = [(0, t), (1, y), (2, x)].map(|(axis, at)| place(view, axis, at, capture));
         capture.counts.value((t * height + y) * width + x)
     };
-    let counts = (0..frames * height * width).map(pixel).collect();
-    Capture { counts: pix2hdr::video::Counts::U16(counts), ..capture.clone() }
+    let counts = pix2hdr::video::Counts::U16((0..frames * height * width).map(pixel).collect());
+    Capture::new(capture.info.clone(), SIZE, counts, None).unwrap()
 }
 
 /// Differences of l between a recording's result and a view's, away from the borders: mean and largest.

@@ -110,13 +110,14 @@ fn calibration(name: &str) -> Calibration {
 fn patterns() -> BTreeMap<&'static str, Table> {
     let table = |name| {
         let calibration = calibration(name);
+        let [period, rows, cols] = calibration.repeat();
         Table {
-            period: calibration.period,
-            rows: calibration.rows,
-            cols: calibration.cols,
-            saturation: *calibration.inverse_response.last().unwrap(),
-            exposures: calibration.exposures,
-            symmetries: calibration.symmetries,
+            period,
+            rows,
+            cols,
+            saturation: *calibration.inverse_response().last().unwrap(),
+            exposures: calibration.exposures().to_vec(),
+            symmetries: calibration.symmetries().to_vec(),
         }
     };
     Pattern::NAMES.into_iter().map(|name| (name, table(name))).collect()
@@ -126,7 +127,7 @@ fn patterns() -> BTreeMap<&'static str, Table> {
 fn ends() -> BTreeMap<&'static str, Vec<End>> {
     let all = |name| {
         let calibration = calibration(name);
-        let frames = 3 * calibration.period;
+        let frames = 3 * calibration.repeat()[0];
         let end = |first: usize, end: usize| End {
             recorded: [first, end],
             stand_ins: (0..frames as i64)

@@ -274,8 +274,8 @@ fn use_response(response: &Response) {
 }
 
 fn use_calibration(calibration: &Calibration) {
-    assert!(calibration.exposures.iter().all(|e| e.is_finite() && *e > 0.0));
-    assert!(calibration.inverse_response.iter().all(|x| x.is_finite() && *x >= 0.0));
+    assert!(calibration.exposures().iter().all(|e| e.is_finite() && *e > 0.0));
+    assert!(calibration.inverse_response().iter().all(|x| x.is_finite() && *x >= 0.0));
     for t in [-(1i64 << 41), -1, 0, 1 << 41] {
         let _ = calibration.exposure(t, 12_345, 54_321);
     }

@@ -265,7 +265,7 @@ pub enum ResponseOption {
 pub fn parse_response(text: &str) -> std::result::Result<ResponseOption, String> {
     let number = |value: &str| value.parse().map_err(|_| format!("'{value}' is not a number"));
     let form = match text.split_once(':') {
-        _ if text.to_ascii_lowercase().ends_with(".csv") => return Ok(ResponseOption::Csv(text.into())),
+        _ if Response::is_measured(text) => return Ok(ResponseOption::Csv(text.into())),
         None if text == "linear" => Form::Linear,
         Some(("gamma", gamma)) => Form::Gamma(number(gamma)?),
         Some(("soft-knee", knee)) => Form::SoftKnee(number(knee)?),

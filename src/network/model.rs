@@ -19,6 +19,7 @@ use super::presets;
 use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::math::fnv_1a;
 use crate::sensor::Pattern;
+use crate::video::ending;
 use crate::{At, Error, Result};
 
 /// Value of the metadata key `format`.
@@ -73,7 +74,7 @@ impl Model {
 
     /// A weights file by its path, or a built-in preset by its name.
     pub fn load(name: &str) -> Result<Self> {
-        if Path::new(name).is_file() || name.to_ascii_lowercase().ends_with(".safetensors") {
+        if Path::new(name).is_file() || ending(Path::new(name)) == "safetensors" {
             return Self::read(name);
         }
         Ok(Self::from_bytes(presets::by_name(name)?.weights()?)?)

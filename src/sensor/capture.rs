@@ -15,8 +15,9 @@ pub(super) fn described_in(array: &Path) -> PathBuf {
     array.with_extension("json")
 }
 
-/// A recording, ready to be interpreted.
+/// A recording, ready to be interpreted. [`Capture::new`] makes it, which checks that it fits together.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Capture {
     /// What the file says about it.
     pub info: CaptureInfo,

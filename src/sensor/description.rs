@@ -184,10 +184,9 @@ impl ResponseSpec {
         match self {
             Self::Form(form) => Ok(form.clone()),
             Self::Csv(name) => {
-                let is_csv = name.to_ascii_lowercase().ends_with(".csv");
                 let plain = Path::new(name).file_name().is_some_and(|file| file == name.as_str());
                 match folder {
-                    Some(folder) if is_csv && plain => Response::read_form(folder.join(name)),
+                    Some(folder) if Response::is_measured(name) && plain => Response::read_form(folder.join(name)),
                     _ => Err(SensorError::Response(format!(
                         "'{name}' is neither a built-in response (linear, gamma, soft-knee) nor a .csv file beside \
                          the capture"

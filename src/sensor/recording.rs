@@ -7,8 +7,9 @@ use super::{Calibration, CaptureInfo, Pattern, Response, SensorError};
 use crate::Result;
 use crate::frame::{Extent, Frame};
 
-/// What is known of a recording before its frames.
+/// What is known of a recording before its frames. [`Recording::new`] makes it, which checks that it fits together.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Recording {
     /// What the file says about it.
     pub info: CaptureInfo,

@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::SensorError;
+use crate::video::ending;
 use crate::{At, Result};
 
 /// Shape of a response curve on the unit square: u = x/x_sat in [0, 1] → y in [0, 1].
@@ -49,6 +50,11 @@ impl Response {
             Form::Table(rows) => check_table(rows)?,
         }
         Ok(Self { form, saturation })
+    }
+
+    /// Whether a file of this name holds a measured response, which [`Response::read_form`] reads.
+    pub fn is_measured(name: &str) -> bool {
+        ending(Path::new(name)) == "csv"
     }
 
     /// Reads a measured response: CSV with two columns, exposure (any unit) and pixel value (any unit), rising.

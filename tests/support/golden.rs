@@ -54,15 +54,12 @@ fn read(folder: &Path, name: &str) -> Golden {
     Golden {
         name: name.to_owned(),
         model,
-        calibration: Calibration {
-            period: parse(&metadata["period"]),
-            rows: parse(&metadata["rows"]),
-            cols: parse(&metadata["cols"]),
-            exposures: parse(&metadata["exposures"]),
-            inverse_response: parse(&metadata["inverse_response"]),
-            placement: pix2hdr::sensor::Placement::WHOLE,
-            symmetries: vec![pix2hdr::sensor::Symmetry::IDENTITY],
-        },
+        calibration: Calibration::from_tables(
+            ["period", "rows", "cols"].map(|key| parse(&metadata[key])),
+            parse(&metadata["exposures"]),
+            parse(&metadata["inverse_response"]),
+        )
+        .unwrap(),
         schedule: parse(&metadata["schedule_time"]),
         size: [shape[1], shape[2]],
         measurement,

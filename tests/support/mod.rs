@@ -41,12 +41,11 @@ pub fn variants() -> Vec<Variant> {
 
 /// Tables of a camera with different exposures at all places and times of its pattern, and a response that bends.
 pub fn calibration() -> Calibration {
-    let (period, rows, cols) = (5, 3, 2);
-    let exposures = (0..period * rows * cols).map(|i| (1 + 7 * i % 31) as f32).collect();
+    let exposures = (0..5 * 3 * 2).map(|i| (1 + 7 * i % 31) as f32).collect();
     let pattern = Pattern::built_in("mpve-1-4").unwrap();
     let saturation = pattern.shortest_exposure() as f64;
     let tables = Calibration::new(&pattern, &Response::new(Form::Gamma(2.2), saturation).unwrap());
-    Calibration { period, rows, cols, exposures, ..tables }
+    Calibration::from_tables([5, 3, 2], exposures, tables.inverse_response().to_vec()).unwrap()
 }
 
 /// Random pixel values with dark and saturated ones, and a saturated corner.
