@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use super::{CheckFailed, machine};
 use crate::Result;
-use crate::frame::Frame;
+use crate::job::{Each, Job};
 use crate::network::Model;
-use crate::sensor::{Form, Noise, Pattern, Recording, Sampler, Source};
-use crate::synth::{Backend, Settings, Skip, Synthesizer};
+use crate::sensor::{Form, Noise, Pattern, Sampler};
+use crate::synth::{Backend, ResultFrame, Settings, Skip};
 use crate::video::Video;
 
 /// What came out of a long recording of a constant scene.
@@ -27,34 +27,6 @@ pub struct Soak {
     pub seconds: f64,
 }
 
-/// A constant scene, as long as one likes: the frames of one period again and again.
-struct Endless {
-    recording: Recording,
-    period: Video,
-    frames: usize,
-    next: usize,
-}
-
-impl Source for Endless {
-    fn recording(&self) -> &Recording {
-        &self.recording
-    }
-
-    fn frames(&self) -> Option<usize> {
-        Some(self.frames)
-    }
-
-    fn next(&mut self) -> Result<Option<Frame>> {
-        if self.next == self.frames {
-            return Ok(None);
-        }
-        let values = self.period.frame(self.next % self.period.frames).to_vec();
-        let time = self.recording.info.schedule_start + self.next as i64;
-        self.next += 1;
-        Ok(Some(Frame::new(self.recording.extent(), time, values)))
-    }
-}
-
 /// Streams `frames` frames of a constant scene of 16×16 pixels through `model`.
 pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, skip: Skip) -> Result<Soak> {
     const SIDE: usize = 16;
@@ -64,16 +36,14 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
     let frame: Vec<f32> =
         (0..SIDE * SIDE).map(|i| 0.02 + 0.9 * ((i * 37 % 101) as f32 / 100.0).powi(3)).collect();
     let capture = sampler.sample(&Video::new(len, SIDE, SIDE, frame.repeat(len))?)?;
-    let recording = capture.recording();
-    let mut source = Endless { recording, period: capture.measurement(), frames, next: 0 };
     let settings = Settings { skip, ..Settings::default() };
-    let mut synthesizer = Synthesizer::new(model, capture.calibration(), [SIDE, SIDE], backend, &settings)?;
+    let job = Job::with(capture.repeated(frames), settings, model.clone(), backend.clone())?;
     // What stands in for frames beyond the ends is the scene at the same phase, so even there nothing differs; but it
     // may be computed in windows of other lengths.
     let inside = model.graph.window.frames..frames.saturating_sub(model.graph.window.frames);
     let mut before: Vec<Vec<f32>> = vec![Vec::new(); len];
     let (mut differing, mut early, mut early_is_known) = (0, None, false);
-    let report = synthesizer.stream(&mut source, 0, |result| {
+    let sink = Each(|result: &ResultFrame| {
         let (number, values) = (result.number, result.frame.values().to_vec());
         let last = &mut before[number % len];
         if let Some(at) = values.iter().position(|p| !p.is_finite()) {
@@ -91,10 +61,8 @@ pub fn soak(model: &Model, pattern: Pattern, backend: &Backend, frames: usize, s
             }
         }
         Ok(())
-    })?;
-    if report.frames != frames {
-        return Err(CheckFailed(format!("{} of {frames} frames came", report.frames)).into());
-    }
+    });
+    let report = job.run(sink, |_| ())?.report;
     Ok(Soak {
         frames,
         skip: skip.name(),

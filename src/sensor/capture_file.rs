@@ -258,9 +258,17 @@ impl Capture {
 
     /// Its frames, as the exposures that cover them.
     pub fn frames(&self) -> Box<dyn Source + '_> {
+        self.repeated(self.frames)
+    }
+
+    /// The same of a recording of so many `frames`, in which its own come again and again.
+    pub fn repeated(&self, frames: usize) -> Box<dyn Source + '_> {
         let len = self.height * self.width;
-        let counts = move |t: usize| Ok(self.counts.range(t * len..(t + 1) * len));
-        CountedFrames::new(self.recording(), self.frames, counts).covering()
+        let counts = move |t: usize| {
+            let t = t % self.frames;
+            Ok(self.counts.range(t * len..(t + 1) * len))
+        };
+        CountedFrames::new(self.recording(), frames, counts).covering()
     }
 }
 
