@@ -21,7 +21,7 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 26] = [
+const MUTANTS: [Mutant; 27] = [
     Mutant {
         what: "placements that change alike, but expose pixels otherwise, are told apart",
         file: "src/sensor/detection/placing.rs",
@@ -126,6 +126,13 @@ const MUTANTS: [Mutant; 26] = [
         sound: "if (LIMITED && largest * terms[4 * TERM_VECTORS].x > LIMIT)",
         faulty: "if (LIMITED && largest > 1e38)",
         test: ["gpu_executor", "what_f16_cannot_hold_is_stored_in_other_units"],
+    },
+    Mutant {
+        what: "a shader takes an input that a step does not have for one that it has",
+        file: "src/gpu/dispatch.rs",
+        sound: "number < step.inputs.len()",
+        faulty: "number <= step.inputs.len()",
+        test: ["gpu_parity", "conv3d_of_all_sizes"],
     },
     Mutant {
         what: "dead pixels are filled from dead ones",
