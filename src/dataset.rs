@@ -1,6 +1,7 @@
 //! Training cubes: random clips from panoramas or videos through the camera simulator, written as arrays that a trainer
 //! maps.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -82,7 +83,21 @@ struct Cube {
     info: CubeInfo,
 }
 
-/// Writes a data set into `folder`; `progress` hears of every finished shard. Returns the files written.
+/// Names of the shard `number`: truth, measurement and what is known of its cubes.
+fn shard_files(number: usize) -> [String; 3] {
+    [
+        format!("truth-{number:03}.npy"),
+        format!("measurement-{number:03}.npy"),
+        format!("info-{number:03}.json"),
+    ]
+}
+
+/// Names of all files of a data set of so many cubes.
+pub fn files(cubes: usize) -> Vec<String> {
+    (0..cubes.div_ceil(SHARD)).flat_map(shard_files).chain([INDEX.to_owned()]).collect()
+}
+
+/// Writes a data set into `folder`, in the place of one that is there; `progress` hears of every finished shard. Returns the files written.
 ///
 /// The same recipe gives the same files on any number of threads.
 pub fn write(
@@ -95,6 +110,10 @@ pub fn write(
         return Err(Error::Usage("a data set needs scenes, cubes, and an extent".into()));
     }
     scenes.check(recipe.extent)?;
+    let index = folder.join(INDEX);
+    if index.exists() {
+        fs::remove_file(&index).at(&index)?;
+    }
     let mut shards = Vec::new();
     let mut files = Vec::new();
     for first in (0..recipe.cubes).step_by(SHARD) {
@@ -102,12 +121,8 @@ pub fn write(
         let cubes: Vec<Cube> =
             (first..first + count).into_par_iter().map(|i| cube(recipe, scenes, i)).collect::<Result<_>>()?;
         let number = shards.len();
-        let shard = Shard {
-            truth: format!("truth-{number:03}.npy"),
-            measurement: format!("measurement-{number:03}.npy"),
-            info: format!("info-{number:03}.json"),
-            cubes: count,
-        };
+        let [truth, measurement, info] = shard_files(number);
+        let shard = Shard { truth, measurement, info, cubes: count };
         let [t, y, x] = recipe.extent;
         let truth: Vec<f16> =
             cubes.iter().flat_map(|cube| cube.truth.data.iter().map(|&p| f16::from_f32(p))).collect();
@@ -120,7 +135,6 @@ pub fn write(
         shards.push(shard);
         progress(first + count);
     }
-    let index = folder.join(INDEX);
     write_bytes(&index, &json(&index_of(recipe, scenes, &shards)?)?)?;
     files.push(index);
     Ok(files)

@@ -6,6 +6,15 @@ use std::time::{Duration, Instant};
 
 use sysinfo::System;
 
+/// Version of this program, with the commit that it was made of where that is known.
+pub fn version() -> &'static str {
+    if env!("PIX2HDR_COMMIT").is_empty() {
+        env!("CARGO_PKG_VERSION")
+    } else {
+        concat!(env!("CARGO_PKG_VERSION"), " (", env!("PIX2HDR_COMMIT"), ")")
+    }
+}
+
 /// Bytes of a line of /proc/self/status, such as `VmRSS:`; nothing where the system has none (Linux has one).
 pub fn status(line: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

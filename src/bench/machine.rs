@@ -49,7 +49,7 @@ impl Machine {
             Some(line.trim_start_matches([':', ' ', '\t']).trim().to_owned())
         };
         Self {
-            version: env!("CARGO_PKG_VERSION"),
+            version: system::version(),
             os: std::env::consts::OS,
             arch: std::env::consts::ARCH,
             cpu: line("/proc/cpuinfo", "model name"),

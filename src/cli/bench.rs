@@ -9,7 +9,7 @@ use crate::network::{self, Model, presets};
 use crate::scene::{Rendering, procedural};
 use crate::sensor::Pattern;
 use crate::synth::{self, Backend, ExecutorChoice, Settings, fitted};
-use crate::video::atomic;
+use crate::video::{Outputs, atomic, check_folder_name};
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
@@ -18,7 +18,7 @@ use super::options::{FrameSize, Precision, Skip, allowed_error, at_least_one, sh
 use super::scene::render;
 use super::stability::Stability;
 use super::table::{Table, figure, short};
-use super::terminal;
+use super::terminal::{self, counted};
 
 /// Measures run time against error: every net on every executor, with its time per frame, what the hardware could do,
 /// and the error
@@ -81,6 +81,9 @@ pub struct Bench {
     /// Folder for frontier.svg, frontier.png and bench.json
     #[arg(long, default_value = "out/bench", value_name = "FOLDER")]
     out: PathBuf,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
     /// Print tables in Markdown
     #[arg(long, conflicts_with = "json")]
     markdown: bool,
@@ -127,6 +130,8 @@ impl Bench {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
         // What cannot work is said before anything is measured.
+        check_folder_name(&self.out)?;
+        let outputs = Outputs::new(self.overwrite).reading(&self.weights);
         let nets = self.names().iter().map(|name| Net::load(name)).collect::<Result<Vec<_>>>()?;
         for name in &self.scene {
             if procedural::describe(name).is_none() {
@@ -149,8 +154,10 @@ impl Bench {
                 quick: self.quick,
                 seed: self.seed,
             };
-            return stability.run(&self.out.join("stability.json"), self.markdown, self.json);
+            return stability.run(&self.out.join("stability.json"), &outputs, self.markdown, self.json);
         }
+        let files = ["frontier.svg", "frontier.png", "bench.json"].map(|name| self.out.join(name));
+        files.iter().try_for_each(|file| outputs.check(file))?;
         if self.variant.is_some() && backends.iter().any(|backend| matches!(backend, Backend::Cpu)) {
             return Err(Error::Usage("--variant is for GPUs; name one with --executor gpu".into()));
         }
@@ -166,21 +173,24 @@ impl Bench {
             });
             measured.push((backend, peak));
         }
-        let rows = self.rows(&nets, &measured)?;
-
-        let files = ["frontier.svg", "frontier.png", "bench.json"].map(|name| self.out.join(name));
+        let report = |rows: &[Row]| json!({ "machine": machine, "rows": rows, "files": files.each_ref().map(|path| show(path)) });
+        // Rows are written as they come, and told whether or not that can be done.
+        let mut written = Ok(());
+        let rows = self.rows(&nets, &measured, |rows| {
+            let text = terminal::with_warnings(&report(rows))
+                .and_then(|report| Ok(serde_json::to_vec_pretty(&report)?));
+            written = text.and_then(|text| atomic::write_bytes(&files[2], &text));
+        })?;
         let plot = frontier(&rows);
-        plot.write(&files[0], 960, 600)?;
-        plot.write(&files[1], 960, 600)?;
-        let report = json!({
-            "machine": machine, "rows": rows, "files": files.each_ref().map(|path| show(path)),
-        });
-        let text = serde_json::to_vec_pretty(&report)?;
-        atomic::write_bytes(&files[2], &text)?;
-        terminal::result(self.json, &report, || {
+        let written = written
+            .and_then(|()| plot.write(&files[0], 960, 600))
+            .and_then(|()| plot.write(&files[1], 960, 600));
+        terminal::result(self.json, &report(&rows), || {
             let names = files.each_ref().map(|path| show(path)).join(", ");
-            format!("{}\n\nwritten: {names}", self.text(&machine, &rows))
-        })
+            let text = self.text(&machine, &rows);
+            if written.is_ok() { format!("{text}\n\nwritten: {names}") } else { text }
+        })?;
+        written
     }
 
     /// Names of the nets.
@@ -213,8 +223,13 @@ impl Bench {
         self.precision.iter().filter_map(|precision| backend.at(precision.storage())).collect()
     }
 
-    /// Measures every combination.
-    fn rows(&self, nets: &[Net], backends: &[(Backend, Peak)]) -> Result<Vec<Row>> {
+    /// Measures every combination; `so_far` hears of all rows after each one.
+    fn rows(
+        &self,
+        nets: &[Net],
+        backends: &[(Backend, Peak)],
+        mut so_far: impl FnMut(&[Row]),
+    ) -> Result<Vec<Row>> {
         let effort = if self.quick {
             Effort { patience: Duration::from_millis(300), check_flop: 4e9 }
         } else {
@@ -266,6 +281,7 @@ impl Bench {
                                     per_layer: self.per_layer,
                                 };
                                 rows.push(case.measure(&clip, &oracle)?);
+                                so_far(&rows);
                                 bar.inc(1);
                             }
                         }
@@ -316,7 +332,7 @@ fn preset(row: &Row) -> String {
 /// What a row is about.
 fn subject(row: &Row) -> Vec<String> {
     let size = format!("{}×{}", row.width, row.height);
-    let frames = format!("{} frames", row.frames);
+    let frames = counted(row.frames, "frame");
     vec![
         preset(row),
         row.executor.into(),

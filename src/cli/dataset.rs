@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use crate::dataset::{self, Recipe, Scenes};
 use crate::scene::Panorama;
 use crate::sensor::{CameraModel, Pattern, Sampler};
+use crate::video::{Outputs, check_folder_name};
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
 
 use super::options::{ResponseOption, SizeArgs, at_least_one, parse_response, show};
-use super::terminal;
+use super::terminal::{self, counted};
 
 /// Makes training cubes: random clips from panoramas or from your own videos, through the camera simulator
 #[derive(Args)]
@@ -58,6 +59,9 @@ pub struct Dataset {
     /// Seed of every random draw
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -100,9 +104,10 @@ impl Dataset {
             seed: self.seed,
         };
         Sampler::new(recipe.pattern.clone(), recipe.form.clone())?;
-        if self.out.join(dataset::INDEX).exists() {
-            return Err(Error::Usage(format!("{} holds a data set already", show(&self.out))));
-        }
+        check_folder_name(&self.out)?;
+        let sources = self.panoramas.iter().chain(&self.videos);
+        let outputs = Outputs::new(self.overwrite).reading(sources);
+        dataset::files(self.cubes).iter().try_for_each(|name| outputs.check(self.out.join(name)))?;
         let scenes = match (&self.panoramas, &self.videos) {
             (_, Some(folder)) => Scenes::read_videos(folder)?,
             (Some(folder), None) => Scenes::Panoramas(Panorama::read_folder(folder)?),
@@ -116,7 +121,12 @@ impl Dataset {
             "files": files.iter().map(|path| show(path)).collect::<Vec<_>>(),
         });
         terminal::result(self.json, &report, || {
-            format!("{}: {} cubes from {} scenes", show(&self.out), self.cubes, scenes.names().len())
+            format!(
+                "{}: {} from {}",
+                show(&self.out),
+                counted(self.cubes, "cube"),
+                counted(scenes.names().len(), "scene")
+            )
         })
     }
 }

@@ -8,7 +8,7 @@ use crate::job::{InMemory, Job, Outcome, contact_sheet, shown_frames};
 use crate::quality::{Panel, Plot, compare};
 use crate::scene::procedural;
 use crate::sensor::{Capture, hold_to_covering};
-use crate::video::{self, Video, Writing};
+use crate::video::{self, Outputs, Video, Writing, check_folder_name};
 use crate::{Error, Result};
 use clap::Args;
 use serde_json::json;
@@ -36,10 +36,16 @@ pub struct Demo {
     camera: CameraArgs,
     #[command(flatten)]
     settings: SettingsArgs,
+    /// Replace what is there
+    #[arg(long)]
+    overwrite: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
 }
+
+/// Pictures that are written.
+const PICTURES: [&str; 2] = ["contact-sheet.png", "time-series.png"];
 
 impl Demo {
     /// Runs the command.
@@ -47,6 +53,13 @@ impl Demo {
         let begun = Instant::now();
         let rendering = self.clip.rendering(self.camera.seed);
         // What cannot work is said before anything is rendered.
+        let at = |name: &str| self.out.join(name);
+        let outputs =
+            Outputs::new(self.overwrite).reading(self.camera.sources()).reading(self.settings.sources());
+        check_folder_name(&self.out)?;
+        ["truth.npy", "hdr"].iter().try_for_each(|name| outputs.check_video(at(name)))?;
+        Capture::files(at("capture")).iter().try_for_each(|file| outputs.check(file))?;
+        PICTURES.iter().chain(&["report.json"]).try_for_each(|name| outputs.check(at(name)))?;
         let sampler = self.camera.sampler()?;
         let settings = self.settings.settings();
         let (model, backend) = (settings.model(sampler.pattern())?, settings.backend()?);
@@ -69,11 +82,16 @@ impl Demo {
 
         let mut files = Vec::new();
         let mut add = |name: &str| {
-            let path = self.out.join(name);
+            let path = at(name);
             files.push(path.clone());
             path
         };
-        let how = Writing { half: true, overwrite: true, frame_period_ms: Some(1.0), anchor: Some(anchor) };
+        let how = Writing {
+            half: true,
+            overwrite: self.overwrite,
+            frame_period_ms: Some(1.0),
+            anchor: Some(anchor),
+        };
         video::write(add("truth.npy"), &truth, how)?;
         video::write(add("hdr"), &result, how)?;
         capture.write(add("capture"))?;
@@ -83,10 +101,10 @@ impl Demo {
         let mosaics: Vec<Vec<f32>> = shown.iter().map(|&t| measurement.frame(t).to_vec()).collect();
         contact_sheet(&capture.recording(), &shown, &mosaics, panels(&result))
             .row("truth", panels(&truth))
-            .write(add("contact-sheet.png"))?;
+            .write(add(PICTURES[0]))?;
         let pixel = liveliest(&truth);
         Self::time_series(pixel, [&measurement, &filtered, &result, &truth], &covering).write(
-            add("time-series.png"),
+            add(PICTURES[1]),
             960,
             480,
         )?;
@@ -106,8 +124,8 @@ impl Demo {
                 run_text(&report),
                 psnr("box"),
                 psnr("pix2hdr"),
-                show(&self.out.join("contact-sheet.png")),
-                show(&self.out.join("time-series.png")),
+                show(&at(PICTURES[0])),
+                show(&at(PICTURES[1])),
             )
         })
     }

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use crate::Result;
-use crate::sensor::{CaptureFile, Detection, Imported, Importing, Recording, Timing, import};
+use crate::sensor::{Capture, CaptureFile, Detection, Imported, Importing, Recording, Timing, import};
+use crate::video::{Outputs, check_folder_name};
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::options::{CaptureArgs, show};
-use super::terminal;
+use super::terminal::{self, counted};
 
 /// Turns a real recording into a capture: layout, black level, timing and schedule
 ///
@@ -44,6 +45,9 @@ pub struct Import {
 impl Import {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
+        check_folder_name(&self.out)?;
+        let outputs = Outputs::new(self.overwrite).reading(self.options.sources());
+        Capture::files(&self.out).iter().try_for_each(|file| outputs.check(file))?;
         let file = CaptureFile::open(&self.file, &self.options.keys()?)?;
         let Self { fit_response, detect, overwrite, .. } = *self;
         let how = Importing { fit_response, detect, overwrite };
@@ -71,15 +75,17 @@ impl Import {
                     fit.pairs
                 )
             });
-            let exponent = exposure.map_or_else(|| "not known".into(), |c| format!("{:.3}", c.exponent));
+            let exponent = exposure.map_or_else(String::new, |check| {
+                format!("\nvalues scale with exposure to the power of {:.3} (1 is right)", check.exponent)
+            });
             let detected = detection.as_ref().map_or_else(String::new, detected_text);
             format!(
-                "{}: {} frames of {}×{}, pattern {}{detected}\nvalues scale with exposure to the power of {exponent} (1 is \
-                 right)\na live source of this pattern lags by its longest exposure, {latency} ms{fitted}",
+                "{}: {} of {}×{}, pattern {}{detected}{exponent}\na live source of this pattern lags by its longest \
+                 exposure, {latency} ms{fitted}",
                 show(&files[0]),
-                frames,
-                height,
+                counted(frames, "frame"),
                 width,
+                height,
                 pattern.name()
             )
         })

@@ -8,8 +8,10 @@ mod eval;
 mod import;
 mod interrupt;
 pub mod options;
+mod quiet;
 mod sample;
 mod scene;
+mod shell;
 mod stability;
 mod suite;
 mod synth;
@@ -20,13 +22,14 @@ mod weights;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::Result;
+use crate::system::version;
 
 /// Turns the output of pixel-wise programmable cameras into 1000 fps HDR video.
 #[derive(Parser)]
-#[command(version, about, long_about = None, max_term_width = 100)]
+#[command(version = version(), about, long_about = None, max_term_width = 100)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -49,10 +52,18 @@ enum Command {
     Dataset(dataset::Dataset),
     Devices(devices::Devices),
     Weights(weights::WeightsArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
+}
+
+/// The command line, as clap knows it.
+pub fn command() -> clap::Command {
+    Arguments::command()
 }
 
 /// Runs the program with the arguments of this process.
 pub fn main() -> ExitCode {
+    quiet::without_wayland();
     terminal::exit_code("pix2hdr", Arguments::parse().run())
 }
 
@@ -60,12 +71,13 @@ impl Arguments {
     /// Runs the command.
     fn run(self) -> Result<()> {
         terminal::log(self.verbose);
+        let interrupt = interrupt::Interrupt::install()?;
         match self.command {
             Command::Demo(command) => command.run(),
             Command::Scene(command) => command.run(),
             Command::Sample(command) => command.run(),
             Command::Import(command) => command.run(),
-            Command::Synth(command) => command.run(),
+            Command::Synth(command) => command.run(&interrupt),
             Command::Eval(command) => command.run(),
             Command::Suite(command) => command.run(),
             Command::Bench(command) => command.run(),
@@ -73,6 +85,8 @@ impl Arguments {
             Command::Dataset(command) => command.run(),
             Command::Devices(command) => command.run(),
             Command::Weights(command) => command.run(),
+            Command::Completions(command) => command.run(),
+            Command::Man(command) => command.run(),
         }
     }
 }

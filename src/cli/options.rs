@@ -166,6 +166,11 @@ impl Precision {
 }
 
 impl SettingsArgs {
+    /// The file that is read where the weights are not built in.
+    pub fn sources(&self) -> [PathBuf; 1] {
+        [PathBuf::from(&self.weights)]
+    }
+
     /// What was chosen.
     pub fn settings(&self) -> Settings {
         self.run.settings(self.weights.clone())
@@ -276,6 +281,14 @@ pub fn parse_response(text: &str) -> std::result::Result<ResponseOption, String>
 }
 
 impl ResponseOption {
+    /// The file that it is read from.
+    fn file(&self) -> Option<PathBuf> {
+        match self {
+            Self::Csv(path) => Some(path.clone()),
+            Self::Form(_) => None,
+        }
+    }
+
     /// The curve.
     pub fn form(&self) -> Result<Form> {
         match self {
@@ -313,6 +326,13 @@ impl CameraArgs {
         };
         sampler.seed = self.seed;
         Ok(sampler)
+    }
+
+    /// Files that are read where these options name some.
+    pub fn sources(&self) -> Vec<PathBuf> {
+        let response = self.response.iter().filter_map(ResponseOption::file);
+        let named = self.pattern.iter().chain([&self.camera]).map(PathBuf::from);
+        named.chain(response).collect()
     }
 
     /// What was said of its timing.
@@ -405,6 +425,13 @@ impl TimingOption {
 }
 
 impl CaptureArgs {
+    /// Files that are read where these options name some.
+    pub fn sources(&self) -> Vec<PathBuf> {
+        let response = self.response.iter().filter_map(ResponseOption::file);
+        let named = self.pattern.iter().map(PathBuf::from).chain(self.dead_pixels.clone());
+        named.chain(response).collect()
+    }
+
     /// The options as keys of `capture.json`.
     pub fn keys(&self) -> Result<Map<String, Value>> {
         let mut keys = Map::new();

@@ -2,15 +2,14 @@
 
 use std::path::PathBuf;
 
+use crate::Result;
 use crate::sensor::Capture;
-use crate::system::is_same_file;
-use crate::video::{self, check_free};
-use crate::{At, Error, Result};
+use crate::video::{self, Outputs, check_folder_name};
 use clap::Args;
 use serde_json::json;
 
 use super::options::{CameraArgs, show};
-use super::terminal;
+use super::terminal::{self, counted};
 
 /// Simulates the camera: HDR video in, capture out
 #[derive(Args)]
@@ -36,15 +35,9 @@ pub struct Sample {
 impl Sample {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
-        for file in Capture::files(&self.out) {
-            check_free(&file, self.overwrite)?;
-        }
-        for file in Capture::files(&self.out) {
-            if is_same_file(&file, &self.video) {
-                let problem = "is the video itself; name another folder";
-                return Err(Error::Usage(problem.into())).at(&file);
-            }
-        }
+        check_folder_name(&self.out)?;
+        let outputs = Outputs::new(self.overwrite).reading([&self.video]).reading(self.camera.sources());
+        Capture::files(&self.out).iter().try_for_each(|file| outputs.check(file))?;
         let sampler = self.camera.sampler()?;
         let mut video = video::read(&self.video)?;
         let anchor = self.normalise.then(|| f64::from(video.normalise()));
@@ -63,11 +56,11 @@ impl Sample {
         });
         terminal::result(self.json, &report, || {
             format!(
-                "{}: {} frames of {}×{}, pattern {}",
+                "{}: {} of {}×{}, pattern {}",
                 show(&files[0]),
-                capture.frames,
-                capture.height,
+                counted(capture.frames, "frame"),
                 capture.width,
+                capture.height,
                 sampler.pattern().name()
             )
         })

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::scene::{self, Moves, Panorama, Rendering, Scene, Speed, procedural};
-use crate::video::{self, Video, Writing};
+use crate::video::{self, Outputs, Video, Writing};
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::options::{SizeArgs, at_least_one, show};
-use super::terminal;
+use super::terminal::{self, counted};
 
 /// Writes a ground-truth HDR video: a built-in scene, or a clip from a panorama
 ///
@@ -84,7 +84,8 @@ pub fn render(scene: &dyn Scene, how: Rendering) -> Result<(Video, f32)> {
     let pixels = frames.checked_mul(height).and_then(|n| n.checked_mul(width)).filter(|n| *n <= 1 << 31);
     if pixels.is_none() {
         return Err(Error::Usage(format!(
-            "{frames} frames of {width}×{height} pixels do not fit into memory"
+            "{} of {width}×{height} pixels do not fit into memory",
+            counted(frames, "frame")
         )));
     }
     let bar = terminal::progress(frames, "rendering");
@@ -97,6 +98,7 @@ pub fn render(scene: &dyn Scene, how: Rendering) -> Result<(Video, f32)> {
 impl SceneCommand {
     /// Runs the command.
     pub fn run(&self) -> Result<()> {
+        Outputs::new(self.overwrite).reading(self.panorama.clone()).check_video(&self.out)?;
         let scene = self.scene()?;
         let (video, anchor) = render(&*scene, self.clip.rendering(self.seed))?;
         let how = Writing {
@@ -112,7 +114,8 @@ impl SceneCommand {
             "anchor": anchor, "files": [show(&self.out)],
         });
         terminal::result(self.json, &report, || {
-            format!("{}: {frames} frames of {width}×{height}, p = 1 at radiance {anchor:.4}", show(&self.out))
+            let frames = counted(frames, "frame");
+            format!("{}: {frames} of {width}×{height}, p = 1 at radiance {anchor:.4}", show(&self.out))
         })
     }
 

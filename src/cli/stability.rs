@@ -8,7 +8,7 @@ use crate::network::Model;
 use crate::scene::{Rendering, procedural};
 use crate::sensor::{Form, Pattern};
 use crate::synth::{Backend, Skip};
-use crate::video::atomic;
+use crate::video::{Outputs, atomic};
 use crate::{Error, Result};
 use serde_json::json;
 
@@ -36,11 +36,32 @@ pub struct Stability<'a> {
     pub seed: u64,
 }
 
+/// Figures of whole recordings, as they come.
+#[derive(Default)]
+struct Figures {
+    sensitivity: Vec<Sensitivity>,
+    soak: Vec<Soak>,
+    detection: Vec<DetectionRate>,
+}
+
 impl Stability<'_> {
     /// Runs everything, writes `path`, and prints what came out.
-    pub fn run(&self, path: &Path, markdown: bool, json: bool) -> Result<()> {
+    pub fn run(&self, path: &Path, outputs: &Outputs, markdown: bool, json: bool) -> Result<()> {
+        outputs.check(path)?;
         let outcomes = self.outcomes()?;
-        let (mut sensitivities, mut soaks) = (Vec::new(), Vec::new());
+        let mut figures = Figures::default();
+        let report = |figures: &Figures| {
+            json!({
+                "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "detection": figures.detection,
+                "sensitivity": figures.sensitivity, "soak": figures.soak, "files": [show(path)],
+            })
+        };
+        // What is known is written as it comes, and told whether or not that can be done.
+        let write = |figures: &Figures| {
+            let report = terminal::with_warnings(&report(figures))?;
+            atomic::write_bytes(path, &serde_json::to_vec_pretty(&report)?)
+        };
+        write(&figures).unwrap_or_else(terminal::warn);
         // What is wrong with a capture does not depend on where it is computed.
         if let (Some(net), Some(backend)) = (self.trained, self.backends.first()) {
             let name = if net.graph.pattern == "any" { "mpve-1-4" } else { &net.graph.pattern };
@@ -50,29 +71,28 @@ impl Stability<'_> {
             let seed = self.seed;
             let how = Rendering { frames: 64, height: 64, width: 64, instants: 8, positions: 1, seed };
             let (truth, _) = render(&*scene, how)?;
-            sensitivities = sensitivity(net, &pattern, &truth, backend)?;
+            figures.sensitivity = sensitivity(net, &pattern, &truth, backend)?;
+            write(&figures).unwrap_or_else(terminal::warn);
             let frames = if self.quick { 4000 } else { 100_000 };
             for skip in [Skip::Off, Skip::Exact, Skip::Bounded(Skip::ALLOWED_ERROR)] {
-                soaks.push(soak(net, pattern.clone(), backend, frames, skip)?);
+                figures.soak.push(soak(net, pattern.clone(), backend, frames, skip)?);
+                write(&figures).unwrap_or_else(terminal::warn);
             }
         }
-        let detections = detection()?;
-        let report = json!({
-            "detection": detections, "outcomes": outcomes, "net": self.trained.map(|net| &net.graph.name), "sensitivity": sensitivities, "soak": soaks, "files": [show(path)],
-        });
-        let text = serde_json::to_vec_pretty(&report)?;
-        atomic::write_bytes(path, &text)?;
-        terminal::result(json, &report, || {
+        figures.detection = detection()?;
+        let written = write(&figures);
+        terminal::result(json, &report(&figures), || {
             let tables = [
                 kernel_table(&outcomes),
                 net_table(&outcomes),
-                sensitivity_table(&sensitivities),
-                detection_table(&detections),
-                soak_table(&soaks),
+                sensitivity_table(&figures.sensitivity),
+                detection_table(&figures.detection),
+                soak_table(&figures.soak),
             ];
             let tables = tables.map(|table| table.text(markdown)).join("\n\n");
-            format!("{tables}\n\nwritten: {}", show(path))
+            if written.is_ok() { format!("{tables}\n\nwritten: {}", show(path)) } else { tables }
         })?;
+        written?;
         // A figure above 1 is a failure of this program, whoever asks.
         match outcomes.iter().find(|outcome| outcome.fraction() > 1.0) {
             Some(outcome) => Err(CheckFailed(format!("{}: a step leaves its bound", outcome.what())).into()),

@@ -8,18 +8,20 @@ use crate::job::{Begin, Fingerprint, Job, Outcome, Resumable, Sheet, Sink, Summa
 use crate::quality::Measures;
 use crate::sensor::{CaptureFile, Timing};
 use crate::synth::Report;
-use crate::video::{self, PreviewWriter, Writing};
+use crate::video::{self, PreviewWriter, Writing, check_folder_name};
 use crate::{Error, Result};
 use clap::Args;
 
-use super::interrupt::stop_on_signal;
+use super::interrupt::Interrupt;
 use super::options::{CaptureArgs, SettingsArgs, show};
-use super::terminal;
+use super::table::short;
+use super::terminal::{self, counted};
 
 /// Synthesises HDR video: capture in, 1000 fps HDR video out
 ///
 /// A folder as --out gets hdr/frame-00000.exr …, contact-sheet.png (mosaic, box filter, result), report.json and, with
-/// --skip, skipped.png (what was computed); a name ending in .npy gets the cube [t, y, x] alone. Memory does not grow
+/// --skip, skipped.png (what was computed); a name ending in .npy gets the cube [t, y, x], and NAME.report.json beside
+/// it. Memory does not grow
 /// with the length of the capture. Ctrl-C leaves the frames that are done as hdr.partial (NAME.partial.npy); the same
 /// command with --resume goes on from there. --truth and --preview look at a whole run.
 #[derive(Args)]
@@ -62,7 +64,7 @@ type Sinks = (Resumable, Option<PreviewWriter>, Option<Sheet>, Option<Truth>);
 
 impl Synth {
     /// Runs the command.
-    pub fn run(&self) -> Result<()> {
+    pub fn run(&self, interrupt: &Interrupt) -> Result<()> {
         let begun = Instant::now();
         let mut file = CaptureFile::open(&self.capture, &self.options.keys()?)?;
         let (frames, info) = (file.frames, &file.recording.info);
@@ -70,7 +72,7 @@ impl Synth {
             let latency = file.recording.pattern.longest_readout() as f64 * info.frame_period_ms;
             tracing::info!("sample and hold: a live source of this pattern lags by {latency} ms");
         }
-        file.check_not_itself(&self.target())?;
+        self.check_outputs(&file)?;
         let said = file.first_look()?.findings();
         said.iter().for_each(terminal::warn);
         let sheet = self.folder().map(|folder| {
@@ -79,10 +81,13 @@ impl Synth {
         });
         let (sheet, made) = (sheet.transpose()?, Fingerprint::of(&file)?);
         let (source, inspection) = file.into_inspected_frames();
-        let job = Job::new(source, self.settings.settings())?;
+        let preparing = terminal::spinner("preparing the net");
+        let job = Job::new(source, self.settings.settings());
+        preparing.finish_and_clear();
+        let job = job?;
         job.warnings().iter().for_each(terminal::warn);
         let sinks = self.sinks(&job, frames, sheet, made)?;
-        stop_on_signal(&job.stop())?;
+        interrupt.stops(&job.stop())?;
         let bar = terminal::progress(frames, "synthesis");
         bar.set_position(sinks.begun() as u64);
         bar.reset_eta();
@@ -99,6 +104,30 @@ impl Synth {
     /// The folder of everything that is written; none where it is one file.
     fn folder(&self) -> Option<&Path> {
         (!video::is_cube(&self.out)).then_some(&self.out)
+    }
+
+    /// Refuses what cannot be written, and what may not be, before work begins.
+    fn check_outputs(&self, file: &CaptureFile) -> Result<()> {
+        let sources = self.settings.sources().into_iter().chain(self.options.sources());
+        let outputs = file.outputs(self.overwrite).reading(sources.chain(self.truth.clone()));
+        self.folder().map_or(Ok(()), check_folder_name)?;
+        outputs.check_video(self.target())?;
+        outputs.check(self.report_file())?;
+        if let Some(folder) = self.folder() {
+            let pictures = Sheet::files(folder, self.settings.settings().skip);
+            pictures.iter().try_for_each(|picture| outputs.check(picture))?;
+        }
+        if let Some(preview) = &self.preview {
+            outputs.check(preview)?;
+            PreviewWriter::check(preview, file.recording.extent().into(), self.preview_rate)?;
+        }
+        Ok(())
+    }
+
+    /// How the result was made is said beside it.
+    fn report_file(&self) -> PathBuf {
+        self.folder()
+            .map_or_else(|| self.out.with_extension("report.json"), |folder| folder.join("report.json"))
     }
 
     /// Where the video goes.
@@ -145,15 +174,16 @@ impl Synth {
         (report, summary): (&Report, &Summary),
         begun: Instant,
     ) -> Result<()> {
-        let report_file = self.folder().map(|folder| folder.join("report.json"));
-        files.extend(report_file.clone());
+        let report_file = self.report_file();
+        files.push(report_file.clone());
         let mut json = serde_json::to_value(summary)?;
         json["seconds"] = begun.elapsed().as_secs_f64().into();
         json["measures"] = serde_json::to_value(measures)?;
         json["files"] = files.iter().map(|path| show(path)).collect();
-        if let Some(path) = report_file {
-            video::atomic::write_bytes(path, &serde_json::to_vec_pretty(&json)?)?;
-        }
+        video::atomic::write_bytes(
+            report_file,
+            &serde_json::to_vec_pretty(&terminal::with_warnings(&json)?)?,
+        )?;
         terminal::result(self.json, &json, || {
             let measures = measures.map_or_else(String::new, |measures| format!("\n{measures}"));
             let files: Vec<_> = files.iter().map(|path| show(path)).collect();
@@ -180,13 +210,16 @@ fn told(unfinished: Unfinished) -> Error {
 
 /// A run in words.
 pub fn run_text(report: &Report) -> String {
+    if report.frames == 0 {
+        return format!("no frame was left to compute on {}", report.executor);
+    }
     let ms = report.ms_per_frame();
     let mut text = format!(
-        "{} frames on {}\n{ms:.3} ms per frame (median of {} windows), {:.0} frames/s, {:.2} GFLOP per frame",
-        report.frames,
+        "{} on {}\n{ms:.3} ms per frame (median of {}), {} frames/s, {:.2} GFLOP per frame",
+        counted(report.frames, "frame"),
         report.executor,
-        report.windows,
-        1e3 / ms.max(1e-9),
+        counted(report.windows, "window"),
+        short(1e3 / ms.max(1e-9)),
         report.flop_per_frame / 1e9
     );
     if let Some(skipped) = &report.skipping {

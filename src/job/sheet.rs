@@ -1,6 +1,6 @@
 //! The contact sheet of a result, and the picture of what was skipped.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::{Resumable, Sink};
 use crate::Result;
@@ -8,11 +8,16 @@ use crate::baseline::box_filter;
 use crate::frame::{Extent, Plane};
 use crate::quality::{ContactSheet, Panel};
 use crate::sensor::Recording;
-use crate::synth::{Report, ResultFrame, Skipped};
+use crate::synth::{Report, ResultFrame, Skip, Skipped};
 use crate::video::{Video, png};
 
 /// Frames on the contact sheet.
 const SHOWN: usize = 6;
+
+/// The contact sheet.
+const SHEET: &str = "contact-sheet.png";
+/// The picture of what was skipped.
+const SKIPPED: &str = "skipped.png";
 
 /// A few frames spread evenly over `frames`.
 pub fn shown_frames(frames: usize) -> Vec<usize> {
@@ -67,6 +72,12 @@ impl Sheet {
         Ok(Self { folder, recording, shown, mosaics, panels: Vec::new(), overlay: Vec::new() })
     }
 
+    /// The files that come into `folder`.
+    pub fn files(folder: &Path, skip: Skip) -> Vec<PathBuf> {
+        let skipped = (skip != Skip::Off).then_some(SKIPPED);
+        [SHEET].into_iter().chain(skipped).map(|name| folder.join(name)).collect()
+    }
+
     /// Shows frames that an earlier run left, too.
     pub fn look_back(&mut self, result: &Resumable) -> Result<()> {
         let begun = result.begun();
@@ -96,10 +107,10 @@ impl Sink for Sheet {
 
     fn finish(self, run: &Report) -> Result<Vec<PathBuf>> {
         let Self { folder, recording, shown, mosaics, panels, overlay } = self;
-        let mut files = vec![folder.join("contact-sheet.png")];
+        let mut files = vec![folder.join(SHEET)];
         contact_sheet(&recording, &shown, &mosaics, panels).write(&files[0])?;
         if let Some(skipped) = &run.skipping {
-            let path = folder.join("skipped.png");
+            let path = folder.join(SKIPPED);
             let (pixels, width) = skip_picture(&overlay, skipped, recording.extent());
             png::write_rgb(&path, &pixels, width)?;
             files.push(path);

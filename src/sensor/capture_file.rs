@@ -14,9 +14,8 @@ use super::{Capture, CaptureInfo, Inspection, Recording, SensorError, Source, Ti
 use crate::fingerprint::{Fingerprint, Fingerprinted};
 use crate::frame::Frame;
 use crate::math::spread;
-use crate::system::is_same_file;
 use crate::video::{Counts, ReadCounts, check_size, open_counts};
-use crate::video::{counts_in, holds_counts};
+use crate::video::{Outputs, counts_in, holds_counts};
 use crate::{At, Error, Result};
 
 /// Frames of a first look: some of all, and so many at the beginning, which show the schedule.
@@ -92,14 +91,9 @@ impl CaptureFile {
         if path.is_dir() { counts_in(path, ARRAY).exists() } else { holds_counts(path) }
     }
 
-    /// Refuses `target` as the name of a file to write if it is one of the capture's own files, by whatever name: a
-    /// recording cannot be made again.
-    pub fn check_not_itself(&self, target: &Path) -> Result<()> {
-        if [&self.array, &described_in(&self.array)].iter().any(|file| is_same_file(file, target)) {
-            let problem = "is the capture itself; name another file or folder";
-            return Err(Error::Usage(problem.into())).at(target);
-        }
-        Ok(())
+    /// Outputs that keep the capture's own files: a recording cannot be made again.
+    pub fn outputs(&self, overwrite: bool) -> Outputs {
+        Outputs::new(overwrite).reading([self.array.clone(), described_in(&self.array)])
     }
 
     /// Bits of a count's type: 8 or 16.

@@ -7,7 +7,6 @@ use super::{Capture, CaptureFile, Detection, Finding, Inspection, RatioCheck, Re
 use crate::Result;
 use crate::math::spread;
 use crate::video::begin_counts;
-use crate::video::check_free;
 
 /// How a recording is imported.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,8 +44,7 @@ pub struct Imported {
 pub fn import(mut file: CaptureFile, folder: &Path, how: Importing) -> Result<Imported> {
     let files = Capture::files(folder);
     for target in &files {
-        check_free(target, how.overwrite)?;
-        file.check_not_itself(target)?;
+        file.outputs(how.overwrite).check(target)?;
     }
     let detection = if how.detect { Some(file.inspect()?.detection()) } else { None };
     if let Some(detection) = &detection {

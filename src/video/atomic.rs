@@ -6,7 +6,7 @@
 
 use std::ffi::OsStr;
 use std::fs;
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -22,8 +22,28 @@ const SUFFIX: &str = ".part";
 #[derive(Debug)]
 pub struct AtomicFile {
     /// Where the content goes.
-    pub content: BufWriter<NamedTempFile>,
+    pub content: BufWriter<Hidden>,
     path: PathBuf,
+}
+
+/// The file itself. Its failures do not speak of the hidden name, which nobody knows.
+#[derive(Debug)]
+pub struct Hidden(NamedTempFile);
+
+impl Write for Hidden {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.as_file_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.as_file_mut().flush()
+    }
+}
+
+impl Seek for Hidden {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.0.as_file_mut().seek(to)
+    }
 }
 
 impl AtomicFile {
@@ -31,23 +51,20 @@ impl AtomicFile {
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let folder = make_parent(path)?;
-        let file = hidden_file().suffix(SUFFIX).tempfile_in(folder).at(path)?;
-        Ok(Self { content: BufWriter::with_capacity(1 << 20, file), path: path.to_owned() })
+        let file = hidden_file().suffix(SUFFIX).tempfile_in(folder).map_err(unnamed).at(path)?;
+        Ok(Self { content: BufWriter::with_capacity(1 << 20, Hidden(file)), path: path.to_owned() })
     }
 
     /// Gives the complete file its name.
     pub fn finish(self) -> Result<()> {
-        let file = self.content.into_inner().map_err(std::io::IntoInnerError::into_error).at(&self.path)?;
-        file.persist(&self.path).map_err(|failure| failure.error).at(&self.path)?;
+        let file = self.content.into_inner().map_err(io::IntoInnerError::into_error).at(&self.path)?;
+        file.0.persist(&self.path).map_err(|failure| failure.error).at(&self.path)?;
         Ok(())
     }
 }
 
 /// Writes the file `path` with `write`, whole or not at all.
-pub fn write(
-    path: impl AsRef<Path>,
-    write: impl FnOnce(&mut BufWriter<NamedTempFile>) -> Result<()>,
-) -> Result<()> {
+pub fn write(path: impl AsRef<Path>, write: impl FnOnce(&mut BufWriter<Hidden>) -> Result<()>) -> Result<()> {
     let path = path.as_ref();
     let mut file = AtomicFile::create(path)?;
     write(&mut file.content).at(path)?;
@@ -72,6 +89,15 @@ pub(super) fn make_parent(path: &Path) -> Result<PathBuf> {
     Ok(parent.to_owned())
 }
 
+/// What the system said, without the name that a file had before it is complete, which nobody knows.
+pub(super) fn unnamed(error: io::Error) -> io::Error {
+    let said = error.to_string();
+    match said.rsplit_once(" at path ") {
+        Some((why, _)) => io::Error::new(error.kind(), why),
+        None => error,
+    }
+}
+
 /// Whether a file's name is one that it had before it was complete.
 pub(super) fn is_unfinished(name: &OsStr) -> bool {
     let name = name.as_encoded_bytes();
@@ -79,7 +105,7 @@ pub(super) fn is_unfinished(name: &OsStr) -> bool {
 }
 
 /// Builder of files under names for what is not complete yet.
-fn hidden_file() -> tempfile::Builder<'static, 'static> {
+pub(super) fn hidden_file() -> tempfile::Builder<'static, 'static> {
     hidden(0o666)
 }
 

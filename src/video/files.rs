@@ -35,7 +35,7 @@ fn of(path: &Path) -> Result<&'static Format> {
 }
 
 /// The format of a video that is written to `path`.
-fn to_write(path: &Path) -> Result<&'static Format> {
+pub(super) fn to_write(path: &Path) -> Result<&'static Format> {
     // What cannot be told from a folder's name is one.
     let folder = path.extension().is_none() || path.is_dir();
     let format = ends_in(&ending(path)).or_else(|| formats().find(|format| format.is_folder() && folder));

@@ -1,6 +1,7 @@
 //! A preview video of tone-mapped frames, through `ffmpeg`.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 
@@ -24,6 +25,22 @@ pub struct PreviewWriter {
 struct Encoder {
     process: Child,
     part: PathBuf,
+    /// What it says of failures.
+    said: File,
+}
+
+impl Encoder {
+    /// Why it failed, in its own words, which name the file as its user does.
+    fn failure(&mut self, path: &Path) -> Error {
+        let mut said = Vec::new();
+        // Where even that cannot be read, there are no words.
+        let _ = self.said.rewind().and_then(|()| self.said.read_to_end(&mut said));
+        let said = String::from_utf8_lossy(&said);
+        let first = said.lines().next().unwrap_or("no reason given");
+        let words = first.rsplit_once("] ").map_or(first, |(_, words)| words);
+        let words = words.replace(&*self.part.to_string_lossy(), &path.to_string_lossy());
+        Error::from(VideoError::Encoder(format!("ffmpeg cannot write this video: {words}"))).at(path)
+    }
 }
 
 impl PreviewWriter {
@@ -33,10 +50,19 @@ impl PreviewWriter {
         quiet(&mut Command::new("ffmpeg")).is_ok_and(|status| status.success())
     }
 
+    /// Has `ffmpeg` write one black frame of `extent` [rows, columns], and forget it: what cannot be written is said
+    /// before there is anything to lose.
+    pub fn check(path: impl AsRef<Path>, extent: [usize; 2], rate: u32) -> Result<()> {
+        let mut trial = Self::begin(path, extent, rate)?;
+        trial.push(&vec![0.0; extent[0] * extent[1]])?;
+        trial.end().map(drop)
+    }
+
     /// Begins a video of frames of `extent` [rows, columns] at `rate` frames per second.
     pub fn begin(path: impl AsRef<Path>, [height, width]: [usize; 2], rate: u32) -> Result<Self> {
         let path = path.as_ref();
         let folder = make_parent(path)?;
+        let said = tempfile::tempfile()?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         // The ending stays, since ffmpeg chooses the container by it.
         let part = folder.join(format!(".pix2hdr-{}-{name}", std::process::id()));
@@ -47,16 +73,17 @@ impl PreviewWriter {
             .arg(&part)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
+            .stderr(said.try_clone()?)
             .spawn()
             .map_err(|error| match error.kind() {
-                std::io::ErrorKind::NotFound => Error::from(VideoError::Encoder(
+                ErrorKind::NotFound => Error::from(VideoError::Encoder(
                     "a preview video needs ffmpeg, which is not installed".into(),
                 )),
                 _ => error.into(),
             })
             .at(path)?;
         let frames = process.stdin.take().expect("it is piped");
-        let encoder = Encoder { process, part };
+        let encoder = Encoder { process, part, said };
         Ok(Self { frames, encoder, path: path.to_owned(), bytes: Vec::new() })
     }
 
@@ -64,17 +91,27 @@ impl PreviewWriter {
     pub fn push(&mut self, frame: &[f32]) -> Result<()> {
         self.bytes.clear();
         self.bytes.extend(frame.iter().map(|&p| tone_byte(p)));
-        self.frames.write_all(&self.bytes).at(&self.path)
+        match self.frames.write_all(&self.bytes) {
+            // It has ended, and said why.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => Err(self.encoder.failure(&self.path)),
+            outcome => outcome.at(&self.path),
+        }
     }
 
-    /// Completes the file and returns its path.
-    pub fn finish(self) -> Result<PathBuf> {
+    /// Waits until all frames are written, under the hidden name.
+    fn end(self) -> Result<(Encoder, PathBuf)> {
         let Self { frames, mut encoder, path, .. } = self;
         drop(frames);
         let status = encoder.process.wait().at(&path)?;
         if !status.success() {
-            return Err(VideoError::Encoder(format!("ffmpeg failed ({status})"))).at(&path);
+            return Err(encoder.failure(&path));
         }
+        Ok((encoder, path))
+    }
+
+    /// Completes the file and returns its path.
+    pub fn finish(self) -> Result<PathBuf> {
+        let (encoder, path) = self.end()?;
         std::fs::rename(&encoder.part, &path).at(&path)?;
         Ok(path)
     }

@@ -1,9 +1,7 @@
 //! How videos are written.
 
-use std::path::Path;
-
+use crate::Result;
 use crate::fingerprint::{Fingerprint, Fingerprinted};
-use crate::{At, Error, Result};
 
 /// How a video is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,15 +37,6 @@ impl Fingerprinted for Writing {
         fingerprint.note("frame_period_ms", self.frame_period_ms)?;
         fingerprint.note("anchor", self.anchor)
     }
-}
-
-/// Refuses a file that is there, unless it may be replaced.
-pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
-    if path.exists() && !overwrite {
-        let problem = "is already there; choose another name or allow it to be overwritten";
-        return Err(Error::Usage(problem.into())).at(path);
-    }
-    Ok(())
 }
 
 /// How a plane is written.

@@ -24,7 +24,7 @@ use crate::{Start, WindowDevice};
 /// whether or not synthesis keeps up: then the oldest frames are dropped and counted. Files drop nothing. H shows all
 /// keys.
 #[derive(Parser)]
-#[command(version, max_term_width = 100)]
+#[command(version = pix2hdr::system::version(), max_term_width = 100)]
 pub struct Arguments {
     /// Built-in scene, capture, video or panorama
     #[arg(default_value = "fan")]

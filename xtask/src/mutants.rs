@@ -21,7 +21,21 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 27] = [
+const MUTANTS: [Mutant; 29] = [
+    Mutant {
+        what: "a link to a source is taken for another file",
+        file: "src/video/outputs.rs",
+        sound: "is_same_file(source, target)\n                ||",
+        faulty: "source == target\n                ||",
+        test: ["outputs", "no_source_is_a_target"],
+    },
+    Mutant {
+        what: "the pictures of a result are not asked for",
+        file: "src/job/sheet.rs",
+        sound: "[SHEET].into_iter().chain(skipped)",
+        faulty: "[SHEET].into_iter().take(0).chain(skipped)",
+        test: ["outputs", "nothing_that_is_there_is_replaced"],
+    },
     Mutant {
         what: "placements that change alike, but expose pixels otherwise, are told apart",
         file: "src/sensor/detection/placing.rs",

@@ -9,7 +9,7 @@ mod working;
 mod writer;
 
 pub use pictures::{Pictures, read};
-pub(super) use working::remove_partial;
+pub(super) use working::{check_replaceable, remove_partial};
 
 use super::format::Format;
 

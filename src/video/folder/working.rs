@@ -36,7 +36,7 @@ impl Working {
 
 /// Whether there is nothing at `destination`, an empty folder, or one that `overwrite` allows to replace.
 /// Returns the files to remove.
-pub(super) fn check_replaceable(destination: &Path, overwrite: bool) -> Result<Vec<PathBuf>> {
+pub(in crate::video) fn check_replaceable(destination: &Path, overwrite: bool) -> Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(destination) {
         Ok(entries) => entries,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -55,7 +55,7 @@ pub(super) fn check_replaceable(destination: &Path, overwrite: bool) -> Result<V
         files.push(entry.path());
     }
     if !files.is_empty() && !overwrite {
-        let problem = "is not empty; choose another folder or allow it to be overwritten";
+        let problem = "is not empty; --overwrite replaces its pictures, or name another folder";
         return Err(Error::Usage(problem.into())).at(destination);
     }
     Ok(files)

@@ -32,7 +32,11 @@ impl FolderWriter {
     pub fn begin(path: &Path, extents: [usize; 3], overwrite: bool, how: PlaneWriting) -> Result<Self> {
         let hidden = |destination: &Path| {
             let parent = atomic::make_parent(destination)?;
-            let folder = atomic::hidden_folder().suffix(".part").tempdir_in(&parent).at(&parent)?;
+            let folder = atomic::hidden_folder()
+                .suffix(".part")
+                .tempdir_in(&parent)
+                .map_err(atomic::unnamed)
+                .at(&parent)?;
             Ok((Working::Hidden(folder), 0))
         };
         Self::begin_in(path, extents, overwrite, how, hidden)
