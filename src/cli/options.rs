@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use crate::network;
 use crate::sensor::{
-    CameraModel, Defects, Form, Orientation, Pattern, PatternSpec, Placement, Response, Sampler, Timing,
+    CameraModel, Defects, Form, FrameNumbers, Orientation, Pattern, PatternSpec, Placement, Response,
+    Sampler, Timing,
 };
 use crate::synth::{self, ExecutorChoice, Settings};
 use crate::{Error, Result};
@@ -403,6 +404,12 @@ pub struct CaptureArgs {
     /// Count that stands for a missing read-out, which is filled from its neighbours
     #[arg(long, value_name = "COUNT")]
     pub missing_count: Option<u16>,
+    /// Numbers of the frames of a recording with gaps: a text file with a number a line. What is missing is filled
+    #[arg(long, value_name = "FILE", conflicts_with = "time_stamps")]
+    pub frame_numbers: Option<PathBuf>,
+    /// The same as times in milliseconds
+    #[arg(long, value_name = "FILE")]
+    pub time_stamps: Option<PathBuf>,
 }
 
 /// What each frame of a capture holds.
@@ -457,6 +464,9 @@ impl CaptureArgs {
         let pixels = self.dead_pixels.as_ref().map(Defects::read_pixels).transpose()?;
         set("dead_pixels", pixels.map(Value::from));
         set("missing_count", self.missing_count.map(Value::from));
+        for (key, path) in [("frame_numbers", &self.frame_numbers), ("time_stamps_ms", &self.time_stamps)] {
+            set(key, path.as_ref().map(FrameNumbers::read).transpose()?.map(Value::from));
+        }
         Ok(keys)
     }
 }

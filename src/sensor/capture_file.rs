@@ -8,6 +8,7 @@ use std::time::UNIX_EPOCH;
 use serde_json::{Map, Value};
 
 use super::capture::{ARRAY, described_in};
+use super::completed::{Completed, frame_times};
 use super::covering::{Covering, HeldFrames, Pixels};
 use super::text::read_text;
 use super::{Capture, CaptureInfo, Inspection, Recording, SensorError, Source, Timing};
@@ -32,6 +33,8 @@ pub struct CaptureFile {
     /// The file of counts.
     pub array: PathBuf,
     counts: Box<dyn ReadCounts>,
+    /// When each frame of the file was recorded, if some are missing and it says which.
+    times: Option<Vec<usize>>,
 }
 
 impl Fingerprinted for CaptureFile {
@@ -45,7 +48,8 @@ impl Fingerprinted for CaptureFile {
         fingerprint.note("capture_modified", modified.map(|time| time.as_secs()))?;
         // What a file held that the description only names.
         fingerprint.note("response", self.recording.response.form())?;
-        fingerprint.note("info", &self.recording.info)
+        fingerprint.note("info", &self.recording.info)?;
+        self.times.iter().try_for_each(|times| fingerprint.note("frame_times", times))
     }
 }
 
@@ -82,8 +86,16 @@ impl CaptureFile {
             .map_err(|e| SensorError::Capture(e.to_string()))
             .at(&json)?;
         let described = if json.exists() { &json } else { &array };
-        let recording = Recording::new(info, [height, width], array.parent()).at(described)?;
-        Ok(Self { recording, frames, array, counts })
+        let mut recording = Recording::new(info, [height, width], array.parent()).at(described)?;
+        let times = frame_times(&recording.info, frames, array.parent()).at(described)?;
+        // From here on, no frame is missing.
+        (recording.info.frame_numbers, recording.info.time_stamps_ms) = (None, None);
+        let counts = match &times {
+            Some(times) => Box::new(Completed::new(counts, times.clone(), &recording)),
+            None => counts,
+        };
+        let [frames, ..] = counts.extents();
+        Ok(Self { recording, frames, array, counts, times })
     }
 
     /// Whether `path` holds a capture: an array of counts, where a video has floating-point numbers.
@@ -189,7 +201,13 @@ impl CaptureFile {
 
     /// One that has seen nothing yet.
     fn inspection(&self) -> Inspection {
-        Inspection::new(&self.recording, self.bits(), self.frames)
+        self.inspection_of(&self.recording)
+    }
+
+    /// The same of what `recording` says of it.
+    pub(super) fn inspection_of(&self, recording: &Recording) -> Inspection {
+        let missing = self.times.as_ref().map_or(0, |times| self.frames - times.len());
+        Inspection::new(recording, self.bits(), self.frames, missing)
     }
 
     /// Holds the first frames, and some of all, against the description: a look before the work, which sees all.

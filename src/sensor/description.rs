@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::defects::Defects;
 use super::pattern::PatternTile;
-use super::{Form, Orientation, Pattern, Placement, Response, SensorError};
+use super::{Form, FrameNumbers, Orientation, Pattern, Placement, Response, SensorError};
 use crate::Result;
 use crate::video::Counts;
 
@@ -66,6 +66,12 @@ pub struct CaptureInfo {
     /// Count that stands for a read-out that is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub missing_count: Option<u16>,
+    /// Numbers of the frames, where some are missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame_numbers: Option<FrameNumbers>,
+    /// When frames were recorded, in milliseconds, where some are missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_stamps_ms: Option<FrameNumbers>,
 }
 
 impl CaptureInfo {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::fit_response::{self, ResponseFit, fit_response};
-use super::{Capture, CaptureFile, Detection, Finding, Inspection, RatioCheck, Recording, ResponseSpec};
+use super::{Capture, CaptureFile, Detection, Finding, RatioCheck, Recording, ResponseSpec};
 use crate::Result;
 use crate::math::spread;
 use crate::video::begin_counts;
@@ -60,7 +60,7 @@ pub fn import(mut file: CaptureFile, folder: &Path, how: Importing) -> Result<Im
     // The recording as it stands in its file, which is held against what is said of it.
     let mut recorded = recording.clone();
     recorded.info.timing = file.recording.info.timing;
-    let inspection = Inspection::new(&recorded, file.bits(), frames);
+    let inspection = file.inspection_of(&recorded);
     let mut writer = begin_counts(&files[0], [frames, recording.height, recording.width], file.bits())?;
     let mut covering = file.into_covering_counts(inspection);
     while let Some(counts) = covering.next()? {

@@ -114,6 +114,8 @@ impl Sampler {
             anchor: None,
             dead_pixels: Vec::new(),
             missing_count: None,
+            frame_numbers: None,
+            time_stamps_ms: None,
         }
     }
 

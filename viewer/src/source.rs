@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use crate::camera::LiveCamera;
 use pix2hdr::scene::{Moves, Panorama, Speed, procedural, suite_clip};
-use pix2hdr::sensor::{Capture, CaptureFile, Recording, Sampler};
+use pix2hdr::sensor::{Capture, CaptureFile, Finding, Recording, Sampler};
 use pix2hdr::video::{self, Video};
 use pix2hdr::{At, Error, Result};
 
@@ -73,6 +73,8 @@ pub enum Opened {
         path: PathBuf,
         /// Ground truth.
         truth: Option<Arc<Video>>,
+        /// What contradicts its description.
+        findings: Vec<Finding>,
     },
     /// A video, sampled by the simulated camera.
     Sampled(Box<Capture>, Arc<Video>),
@@ -97,7 +99,8 @@ impl Opened {
             )))
             .at(path),
             SourceName::Path(path) if CaptureFile::is_at(path) => {
-                let file = CaptureFile::open(path, &how.keys)?;
+                let mut file = CaptureFile::open(path, &how.keys)?;
+                let findings = file.first_look()?.findings();
                 let [height, width] = [file.recording.height, file.recording.width];
                 let truth = how.truth.as_ref().map(|path| truth(path, [file.frames, height, width]));
                 Ok(Self::File {
@@ -105,6 +108,7 @@ impl Opened {
                     frames: file.frames,
                     path: path.clone(),
                     truth: truth.transpose()?,
+                    findings,
                 })
             }
             SourceName::Path(path) => {
@@ -143,6 +147,14 @@ impl Opened {
             Self::File { recording, .. } => Ok((**recording).clone()),
             Self::Sampled(capture, _) => Ok(capture.recording()),
             Self::Plain(_) => Err(Error::Usage("a plain video has no camera".into())),
+        }
+    }
+
+    /// What of it contradicts its description.
+    pub fn findings(&self) -> &[Finding] {
+        match self {
+            Self::File { findings, .. } => findings,
+            Self::Live(_) | Self::Sampled(..) | Self::Plain(_) => &[],
         }
     }
 

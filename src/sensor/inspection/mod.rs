@@ -26,6 +26,8 @@ pub struct Inspection {
     /// Frames seen, and after how many one is looked at for [`StaticPixels`].
     frames: usize,
     every: usize,
+    /// What is said of missing frames.
+    missing: Option<Finding>,
 }
 
 /// What of a recording contradicts its description.
@@ -72,6 +74,17 @@ pub enum Finding {
     /// Frames hold something else.
     #[error("long exposures show what short ones saw {}: --timing {}", timing_text(*.0), timing_name(*.0))]
     Timing(Timing),
+    /// Frames are missing by their numbers.
+    #[error(
+        "{missing} of {frames} frames are missing by their numbers: pixels show what the same read-out shows in another \
+         frame, or the last one"
+    )]
+    Missing {
+        /// Frames that are missing.
+        missing: usize,
+        /// Frames from the first one to the last.
+        frames: usize,
+    },
     /// Frames are missing, or there twice.
     #[error("{}", gaps_text(.0))]
     Gaps(Vec<Gap>),
@@ -129,21 +142,22 @@ fn gaps_text(gaps: &[Gap]) -> String {
     let more = gaps.len().saturating_sub(SHOWN);
     let more = if more > 0 { format!(", and {more} more such places") } else { String::new() };
     format!(
-        "the schedule does not go on through all frames: {}{more}. Record it anew, or cut the recording there: all that \
-         follows is taken for other times",
+        "the schedule does not go on through all frames: {}{more}: --frame-numbers (or frame_numbers in the description) \
+         says which there are",
         shown.join(", ")
     )
 }
 
 impl Inspection {
-    /// Of a recording of counts of 8 or 16 `bits`, which has `frames` frames.
-    pub fn new(recording: &Recording, bits: u32, frames: usize) -> Self {
+    /// Of a recording of counts of 8 or 16 `bits`, which has `frames` frames, `missing` of them put together from others.
+    pub fn new(recording: &Recording, bits: u32, frames: usize, missing: usize) -> Self {
         Self {
             levels: Levels::new(&recording.pattern, recording.width, bits),
             static_pixels: StaticPixels::new(recording.height * recording.width),
             detector: Detector::new(recording),
             recording: recording.clone(),
             frames: 0,
+            missing: (missing > 0).then_some(Finding::Missing { missing, frames }),
             every: frames.div_ceil(LOOKS).max(1),
         }
     }
@@ -203,9 +217,9 @@ impl Inspection {
             ((!as_described).then_some(other), gaps)
         });
         let gaps = (!gaps.is_empty()).then_some(Finding::Gaps(gaps));
-        levels
-            .into_iter()
-            .map(Finding::Levels)
+        let missing = self.missing.clone().into_iter();
+        missing
+            .chain(levels.into_iter().map(Finding::Levels))
             .chain(exposure)
             .chain(other)
             .chain(timing)

@@ -18,7 +18,7 @@ fn found(capture: &Capture, change: impl FnOnce(&mut CaptureInfo)) -> Vec<Findin
     let mut info = capture.info.clone();
     change(&mut info);
     let recording = Recording::new(info, [capture.height, capture.width], None).unwrap();
-    let mut inspection = Inspection::new(&recording, capture.counts.bits(), capture.frames);
+    let mut inspection = Inspection::new(&recording, capture.counts.bits(), capture.frames, 0);
     let len = capture.height * capture.width;
     (0..capture.frames).for_each(|t| inspection.add(&capture.counts.range(t * len..(t + 1) * len)));
     inspection.findings()
@@ -105,7 +105,7 @@ fn a_wrong_black_level_is_found_by_pixels_of_different_exposure() {
 fn linear_recordings_pass_and_gamma_encoded_ones_are_named() {
     let capture = camera().sample(&scene()).unwrap();
     let recording = capture.recording();
-    let mut inspection = Inspection::new(&recording, 16, 1);
+    let mut inspection = Inspection::new(&recording, 16, 1, 0);
     inspection.add(&capture.counts.range(0..32 * 32));
     let check = inspection.exposure().unwrap();
     assert!((check.exponent - 1.0).abs() < 0.03 && !check.is_off(), "{check:?}");

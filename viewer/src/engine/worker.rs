@@ -228,7 +228,11 @@ impl Worker {
             let mut status = lock(&self.visible.status);
             let place = backend.adapter().unwrap_or_else(|| "CPU".into());
             status.executor = format!("{} on {place}, {}", model.graph.name, backend.precision().name());
-            status.notice = warning.or(status.notice.take());
+            let warnings: Vec<String> =
+                warning.into_iter().chain(source.findings().iter().map(ToString::to_string)).collect();
+            if !warnings.is_empty() {
+                status.notice = Some(warnings.join("\n"));
+            }
             status.recording = Some(Arc::new(recording.clone()));
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name().to_owned());
