@@ -6,6 +6,9 @@ use crate::video::Counts;
 /// read-outs is small, and a moving edge should not drown all else.
 const CAP: [u16; 2] = [8, 32];
 
+/// Frames that are followed: memory is not to grow with the length of a recording. So many are more than two minutes.
+const FRAMES: usize = 1 << 17;
+
 /// Changes of a recording. Pixels whose rows and columns differ by multiples of `grid` are a *class*: all that a pattern
 /// can tell apart.
 #[derive(Clone, Debug)]
@@ -28,6 +31,9 @@ impl Changes {
 
     /// Looks at the next frame.
     pub fn add(&mut self, counts: &Counts) {
+        if self.rates.len() >= FRAMES * self.changed.len() {
+            return;
+        }
         match (&self.before, counts) {
             (Some(Counts::U8(before)), Counts::U8(now)) => {
                 compare(before, now, self.width, self.grid, CAP[0], &mut self.rates, &mut self.changed);
