@@ -1,6 +1,7 @@
 //! What the operating system tells: memory, folders, time.
 
 use std::env;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -22,13 +23,41 @@ pub fn status(line: &str) -> Option<u64> {
     text.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
 }
 
-/// Bytes of memory that this process may use: the machine's, or what a container leaves of it.
+/// Bytes of memory that this process may use: the machine's, or what a container, a control group or `ulimit -v` leaves
+/// of it.
 pub fn memory() -> Option<u64> {
     let mut system = System::new();
     system.refresh_memory();
-    let limit = system.cgroup_limits().map(|limits| limits.total_memory).filter(|&bytes| bytes > 0);
     let all = Some(system.total_memory()).filter(|&bytes| bytes > 0);
-    all.map(|all| limit.map_or(all, |limit| limit.min(all)))
+    let read = |path: &str| fs::read_to_string(path).ok();
+    let address_space = read("/proc/self/limits").and_then(|limits| address_space(&limits));
+    let groups = read("/proc/self/cgroup").unwrap_or_default();
+    let group = group_memory(&groups, |path| fs::read_to_string(Path::new("/sys/fs/cgroup").join(path)).ok());
+    [all, address_space, group].into_iter().flatten().min()
+}
+
+/// What `ulimit -v` allows, of the text of /proc/self/limits.
+fn address_space(limits: &str) -> Option<u64> {
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// The least memory that the control groups of /proc/self/cgroup and those above them allow, of version 1 and 2; `read`
+/// reads one of their files. Within a container only the groups from its own root on can be seen.
+fn group_memory(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Option<u64> {
+    let limits = groups.lines().filter_map(|line| {
+        let [_, controllers, group] = line.splitn(3, ':').collect::<Vec<_>>().try_into().ok()?;
+        let (root, file) = match controllers {
+            "" => ("", "memory.max"),
+            _ if controllers.split(',').any(|name| name == "memory") => ("memory", "memory.limit_in_bytes"),
+            _ => return None,
+        };
+        let above = Path::new(group.trim_start_matches('/')).ancestors();
+        let limit =
+            |folder: &Path| read(&Path::new(root).join(folder).join(file))?.trim().parse::<u64>().ok();
+        above.filter_map(limit).min()
+    });
+    limits.min()
 }
 
 /// Whether two names are of one file or folder, also through links. What is not there is the same as nothing.
@@ -109,6 +138,32 @@ impl Trials {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Limits are found in both versions of control groups, in groups above too; "max" and what is not there are none.
+    #[test]
+    fn limits_of_memory_are_found() {
+        let of = |groups: &str, files: &[(&str, &str)]| {
+            group_memory(groups, |path| {
+                let found = files.iter().find(|(name, _)| Path::new(name) == path);
+                found.map(|(_, text)| format!("{text}\n"))
+            })
+        };
+        let two = [("a/b/memory.max", "max"), ("a/memory.max", "3000"), ("memory.max", "5000")];
+        assert_eq!(of("0::/a/b", &two), Some(3000));
+        assert_eq!(of("0::/", &two), Some(5000));
+        assert_eq!(of("0::/a/b", &two[..1]), None);
+        let one = [
+            ("memory/x/memory.limit_in_bytes", "700"),
+            ("memory/memory.limit_in_bytes", "9223372036854771712"),
+        ];
+        assert_eq!(of("5:cpu,memory:/x\n1:name=systemd:/y\n0::/", &one), Some(700));
+        // A container's group has another name within it.
+        assert_eq!(of("4:memory:/docker/1f\n", &one), Some(9_223_372_036_854_771_712));
+        assert_eq!(of("3:cpuset:/x", &one), None);
+        let limits = "Limit  Soft Limit  Hard Limit  Units\nMax address space  153600000  unlimited  bytes\n";
+        assert_eq!(address_space(limits), Some(153_600_000));
+        assert_eq!(address_space(&limits.replace("153600000", "unlimited")), None);
+    }
 
     #[test]
     fn the_fastest_of_long_trials_counts() {

@@ -63,8 +63,19 @@ const WRITERS: [Writer; 13] = [
 ];
 
 /// Options and arguments whose files are read.
-const READ: [&str; 9] =
-    ["truth", "dead_pixels", "panorama", "panoramas", "videos", "capture", "file", "video", "result"];
+const READ: [&str; 11] = [
+    "truth",
+    "dead_pixels",
+    "frame_numbers",
+    "time_stamps",
+    "panorama",
+    "panoramas",
+    "videos",
+    "capture",
+    "file",
+    "video",
+    "result",
+];
 
 /// A folder with a truth, a capture of it, a folder of videos, and an `ffmpeg` that writes all but `.xyz`.
 struct Desk(tempfile::TempDir);
@@ -322,4 +333,32 @@ fn shells_and_man_know_every_option() {
     let version = succeeds(&["--version"]);
     let (_, commit) = version.trim().split_once(" (").unwrap_or(("", ")"));
     assert!(version.starts_with("pix2hdr 0.") && commit.ends_with(')'), "{version}");
+}
+
+/// A report says how a result was made, beside an array too, and holds every warning.
+#[test]
+fn reports_say_how_a_result_was_made() {
+    let desk = Desk::new();
+    for (out, report) in [("made", "made/report.json"), ("made.npy", "made.report.json")] {
+        let synth =
+            ["synth", "camera", "--out", out, "--executor", "cpu", "--weights", "tiny", "--ensemble", "2"];
+        // Counts of ten bits in a description of sixteen.
+        let output =
+            desk.run(&[&synth[..], &["--white-level", "65535", "--bit-depth", "16", "--json"]].concat());
+        assert!(output.status.success(), "{}", told(&output));
+        let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let written: serde_json::Value =
+            serde_json::from_slice(&fs::read(desk.path(report)).unwrap()).unwrap();
+        assert_eq!(printed, written, "{out}");
+        assert_eq!(written["settings"]["ensemble"], 2);
+        assert_eq!(written["capture"]["description"]["white_level"], 65535.0);
+        assert_eq!(written["weights_digest"].as_str().unwrap().len(), 16);
+        assert!(written["version"].as_str().unwrap().starts_with(env!("CARGO_PKG_VERSION")));
+        let warnings = written["warnings"].as_array().unwrap();
+        let said: Vec<_> = told(&output)
+            .lines()
+            .filter_map(|line| line.strip_prefix("pix2hdr: warning: ").map(str::to_owned))
+            .collect();
+        assert!(!said.is_empty() && said == *warnings, "{said:?} against {warnings:?}");
+    }
 }

@@ -15,7 +15,7 @@ use serde_json::json;
 
 use super::options::{CameraArgs, SettingsArgs, show};
 use super::scene::{ClipArgs, render};
-use super::synth::run_text;
+use super::synth::{described, run_text};
 use super::terminal;
 
 /// Shows the main job on a built-in scene: ground truth, capture, synthesis, measures, pictures
@@ -113,9 +113,10 @@ impl Demo {
         let report_path = add("report.json");
         json["seconds"] = seconds.into();
         json["scene"] = json!(self.scene);
+        json["capture"] = described(&show(&at("capture")), &capture.info, capture.frames);
         json["measures"] = measures;
         json["files"] = files.iter().map(|path| show(path)).collect();
-        let text = serde_json::to_vec_pretty(&json)?;
+        let text = serde_json::to_vec_pretty(&terminal::with_warnings(&json)?)?;
         video::atomic::write_bytes(report_path, &text)?;
         terminal::result(self.json, &json, || {
             let psnr = |method: &str| json["measures"][method]["psnr_mu"].as_f64().unwrap_or(f64::NAN);

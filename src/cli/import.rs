@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use crate::Result;
 use crate::sensor::{Capture, CaptureFile, Detection, Imported, Importing, Recording, Timing, import};
+use crate::system::version;
 use crate::video::{Outputs, check_folder_name};
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::options::{CaptureArgs, show};
+use super::synth::described;
 use super::terminal::{self, counted};
 
 /// Turns a real recording into a capture: layout, black level, timing and schedule
@@ -60,6 +62,7 @@ impl Import {
         let Recording { pattern, info, height, width, .. } = &recording;
         let latency = pattern.longest_readout() as f64 * info.frame_period_ms;
         let report = json!({
+            "version": version(), "capture": described(&show(&self.file), info, frames),
             "pattern": pattern.name(), "frames": frames, "height": height, "width": width,
             "detected": detection.as_ref().map(detected_json),
             "exposure_exponent": exposure.map(|check| check.exponent),

@@ -435,7 +435,8 @@ impl CaptureArgs {
     /// Files that are read where these options name some.
     pub fn sources(&self) -> Vec<PathBuf> {
         let response = self.response.iter().filter_map(ResponseOption::file);
-        let named = self.pattern.iter().map(PathBuf::from).chain(self.dead_pixels.clone());
+        let read = [&self.dead_pixels, &self.frame_numbers, &self.time_stamps].into_iter().flatten().cloned();
+        let named = self.pattern.iter().map(PathBuf::from).chain(read);
         named.chain(response).collect()
     }
 

@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::PoisonError;
 use std::time::Instant;
 
-use crate::job::{Begin, Fingerprint, Job, Outcome, Resumable, Sheet, Sink, Summary, Truth, Unfinished};
+use crate::job::{Begin, Fingerprint, Job, Outcome, Resumable, Sheet, Sink, Truth, Unfinished};
 use crate::quality::Measures;
-use crate::sensor::{CaptureFile, Timing};
+use crate::sensor::{CaptureFile, CaptureInfo, Timing};
 use crate::synth::Report;
 use crate::video::{self, PreviewWriter, Writing, check_folder_name};
 use crate::{Error, Result};
 use clap::Args;
+use serde_json::{Value, json};
 
 use super::interrupt::Interrupt;
 use super::options::{CaptureArgs, SettingsArgs, show};
@@ -80,6 +81,7 @@ impl Synth {
             Sheet::new(folder.to_owned(), recording, frames, |t| file.pixel_values(t))
         });
         let (sheet, made) = (sheet.transpose()?, Fingerprint::of(&file)?);
+        let capture = described(&show(&file.array), &file.recording.info, frames);
         let (source, inspection) = file.into_inspected_frames();
         let preparing = terminal::spinner("preparing the net");
         let job = Job::new(source, self.settings.settings());
@@ -94,11 +96,17 @@ impl Synth {
         let run = job.run(sinks, |done| bar.set_position(done as u64));
         bar.finish_and_clear();
         let Outcome { output: (result, preview, sheet, measures), report, summary } = run.map_err(told)?;
-        let found = inspection.lock().unwrap_or_else(PoisonError::into_inner).findings();
+        let inspection = inspection.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = inspection.findings();
         let new = found.iter().filter(|finding| !said.iter().any(|said| said.is_like(finding)));
         new.for_each(terminal::warn);
         let files = [result].into_iter().chain(preview).chain(sheet.into_iter().flatten());
-        self.tell(files.collect(), measures.as_ref(), (&report, &summary), begun)
+        let mut json = serde_json::to_value(&summary)?;
+        json["capture"] = capture;
+        json["exposure_exponent"] = inspection.exposure().map(|check| check.exponent).into();
+        json["half"] = self.half.into();
+        json["seconds"] = begun.elapsed().as_secs_f64().into();
+        self.tell(files.collect(), measures.as_ref(), &report, json)
     }
 
     /// The folder of everything that is written; none where it is one file.
@@ -171,13 +179,11 @@ impl Synth {
         &self,
         mut files: Vec<PathBuf>,
         measures: Option<&Measures>,
-        (report, summary): (&Report, &Summary),
-        begun: Instant,
+        report: &Report,
+        mut json: Value,
     ) -> Result<()> {
         let report_file = self.report_file();
         files.push(report_file.clone());
-        let mut json = serde_json::to_value(summary)?;
-        json["seconds"] = begun.elapsed().as_secs_f64().into();
         json["measures"] = serde_json::to_value(measures)?;
         json["files"] = files.iter().map(|path| show(path)).collect();
         video::atomic::write_bytes(
@@ -190,6 +196,11 @@ impl Synth {
             format!("{}{measures}\nwritten: {}", run_text(report), files.join(", "))
         })
     }
+}
+
+/// A capture in a report: its name, its length, and all that is known of it.
+pub fn described(name: &str, info: &CaptureInfo, frames: usize) -> Value {
+    json!({ "name": name, "frames": frames, "description": info })
 }
 
 /// What to tell of a job that ended early: what is left, if somebody stopped it, else what went wrong.

@@ -4,10 +4,17 @@ use serde::Serialize;
 
 use crate::network::Model;
 use crate::synth::{Backend, Report, Settings, Skipped};
+use crate::system::version;
 
 /// A run in figures, for reports.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
+    /// Version of this program, with its commit.
+    pub version: &'static str,
+    /// All settings, as they were chosen.
+    pub settings: Settings,
+    /// The weights' digest in hexadecimal, as [`Model::digest`] has it.
+    pub weights_digest: String,
     /// Weights file, or name of a preset.
     pub weights: String,
     /// Name of the net.
@@ -64,6 +71,9 @@ pub struct SkipSummary {
 impl Summary {
     pub(super) fn of(settings: &Settings, model: &Model, backend: &Backend, run: &Report) -> Self {
         Self {
+            version: version(),
+            settings: settings.clone(),
+            weights_digest: format!("{:016x}", model.digest()),
             weights: settings.weights.clone(),
             net: model.graph.name.clone(),
             executor: backend.name(),

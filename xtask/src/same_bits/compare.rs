@@ -20,7 +20,7 @@ const LEFT_OUT: [&str; 6] = [
     "version",
 ];
 
-/// Names of files that are reports: compared as JSON without [`LEFT_OUT`]. All others are compared byte for byte.
+/// What names of reports end in: compared as JSON without [`LEFT_OUT`]. All others are compared byte for byte.
 pub const REPORTS: [&str; 2] = ["report.json", "printed.json"];
 
 /// All differences between the files below `old` and those below `new`, a line each.
@@ -39,10 +39,15 @@ pub fn differences(old: &Path, new: &Path) -> Result<Vec<String>> {
     Ok(found)
 }
 
+/// Whether a file of this name is a report.
+fn is_report(name: &str) -> bool {
+    REPORTS.iter().any(|ending| name.ends_with(ending))
+}
+
 /// In what two files of one name differ.
 fn difference(old: &Path, new: &Path) -> Result<Option<String>> {
     let [a, b] = [read(old)?, read(new)?];
-    if old.file_name().and_then(|name| name.to_str()).is_some_and(|name| REPORTS.contains(&name)) {
+    if old.file_name().and_then(|name| name.to_str()).is_some_and(is_report) {
         let [a, b] = [report(&a, old)?, report(&b, new)?];
         let mut found = Vec::new();
         compare_values("", &a, &b, &mut found);
