@@ -54,12 +54,7 @@ impl Demo {
         let rendering = self.clip.rendering(self.camera.seed);
         // What cannot work is said before anything is rendered.
         let at = |name: &str| self.out.join(name);
-        let outputs =
-            Outputs::new(self.overwrite).reading(self.camera.sources()).reading(self.settings.sources());
-        check_folder_name(&self.out)?;
-        ["truth.npy", "hdr"].iter().try_for_each(|name| outputs.check_video(at(name)))?;
-        Capture::files(at("capture")).iter().try_for_each(|file| outputs.check(file))?;
-        PICTURES.iter().chain(&["report.json"]).try_for_each(|name| outputs.check(at(name)))?;
+        self.check_outputs()?;
         let sampler = self.camera.sampler()?;
         let settings = self.settings.settings();
         let (model, backend) = (settings.model(sampler.pattern())?, settings.backend()?);
@@ -129,6 +124,17 @@ impl Demo {
                 show(&at(PICTURES[1])),
             )
         })
+    }
+
+    /// Refuses what cannot be written, and what may not be.
+    fn check_outputs(&self) -> Result<()> {
+        let at = |name: &str| self.out.join(name);
+        let outputs =
+            Outputs::new(self.overwrite).reading(self.camera.sources()).reading(self.settings.sources());
+        check_folder_name(&self.out)?;
+        ["truth.npy", "hdr"].iter().try_for_each(|name| outputs.check_video(at(name)))?;
+        Capture::files(at("capture")).iter().try_for_each(|file| outputs.check(file))?;
+        PICTURES.iter().chain(&["report.json"]).try_for_each(|name| outputs.check(at(name)))
     }
 
     /// Irradiance of one pixel over time; `measurement` is that of `covering`.

@@ -85,8 +85,8 @@ impl Arguments {
             Command::Dataset(command) => command.run(),
             Command::Devices(command) => command.run(),
             Command::Weights(command) => command.run(),
-            Command::Completions(command) => command.run(),
-            Command::Man(command) => command.run(),
+            Command::Completions(completions) => completions.run(command()),
+            Command::Man(man) => man.run(command()),
         }
     }
 }

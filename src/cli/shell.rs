@@ -3,11 +3,9 @@
 use std::io::{ErrorKind, Write};
 
 use crate::{Error, Result};
-use clap::Args;
+use clap::{Args, Command};
 use clap_complete::Shell;
 use clap_mangen::Man;
-
-use super::command;
 
 /// Prints completions for a shell
 ///
@@ -29,18 +27,17 @@ pub struct ManArgs {
 }
 
 impl CompletionsArgs {
-    /// Runs the command.
-    pub fn run(&self) -> Result<()> {
+    /// Runs the command; `whole` is the command line, as clap knows it.
+    pub fn run(&self, mut whole: Command) -> Result<()> {
         let mut text = Vec::new();
-        clap_complete::generate(self.shell, &mut command(), "pix2hdr", &mut text);
+        clap_complete::generate(self.shell, &mut whole, "pix2hdr", &mut text);
         print(&text)
     }
 }
 
 impl ManArgs {
-    /// Runs the command.
-    pub fn run(&self) -> Result<()> {
-        let mut whole = command();
+    /// Runs the command; `whole` is the command line, as clap knows it.
+    pub fn run(&self, mut whole: Command) -> Result<()> {
         whole.build();
         let page = match &self.about {
             None => whole,

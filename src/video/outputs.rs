@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::atomic::{hidden_file, unnamed};
 use super::files;
 use super::folder::check_replaceable;
+use super::writing::check_free;
 use crate::system::is_same_file;
 use crate::{At, Error, Result};
 
@@ -14,15 +15,6 @@ use crate::{At, Error, Result};
 pub struct Outputs {
     overwrite: bool,
     sources: Vec<PathBuf>,
-}
-
-/// Refuses a file that is there, unless it may be replaced. A link is there whatever it leads to.
-pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
-    if fs::symlink_metadata(path).is_ok() && !overwrite {
-        let problem = "is already there; --overwrite replaces it, or name another place";
-        return Err(Error::Usage(problem.into())).at(path);
-    }
-    Ok(())
 }
 
 impl Outputs {

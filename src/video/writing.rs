@@ -1,6 +1,9 @@
 //! How videos are written.
 
-use crate::Result;
+use crate::{At, Error, Result};
+use std::fs;
+use std::path::Path;
+
 use crate::fingerprint::{Fingerprint, Fingerprinted};
 
 /// How a video is written.
@@ -37,6 +40,15 @@ impl Fingerprinted for Writing {
         fingerprint.note("frame_period_ms", self.frame_period_ms)?;
         fingerprint.note("anchor", self.anchor)
     }
+}
+
+/// Refuses a file that is there, unless it may be replaced. A link is there whatever it leads to.
+pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
+    if fs::symlink_metadata(path).is_ok() && !overwrite {
+        let problem = "is already there; --overwrite replaces it, or name another place";
+        return Err(Error::Usage(problem.into())).at(path);
+    }
+    Ok(())
 }
 
 /// How a plane is written.
