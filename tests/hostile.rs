@@ -108,7 +108,7 @@ fn arrays() {
     video(&shape("<f4", "(0, 4, 4)"), &[], "empty");
     video(&shape("<f4", "(1, 0, 4)"), &[], "empty");
     video(&shape("<f4", &format!("({})", "1, ".repeat(100))), &[0; 4], "axes");
-    video(&shape("<f4", "(1, 1, 1)"), &[0; 8], "truncated");
+    video(&shape("<f4", "(1, 1, 1)"), &[0; 8], "behind them 4 bytes");
     video(&shape("|O", "(1, 1, 1)"), b"cos\nsystem\n(S'true'\ntR.", "|O");
     video(&shape(">f4", "(1, 1, 1)"), &[0; 4], "big-endian");
     video(&shape("<f8", "(1, 1, 1)"), &1e300f64.to_le_bytes(), "inf");
@@ -164,12 +164,12 @@ fn descriptions_of_captures() {
         ("white_level", "5e-324", "white level"),
         ("white_level", "1e999", ""),
         ("bit_depth", "0", "bit depth"),
-        ("bit_depth", "-1", "invalid"),
+        ("bit_depth", "-1", "bit_depth\" is"),
         ("frame_period_ms", "0", "period"),
         ("frame_period_ms", "-1", "period"),
         ("schedule_start", "9223372036854775807", "schedule start"),
         ("schedule_start", "-9223372036854775808", "schedule start"),
-        ("schedule_start", "1.5", "invalid"),
+        ("schedule_start", "1.5", "schedule_start\" is"),
         ("full_well_e", "0", "full_well_e"),
         ("full_well_e", "-9000", "full_well_e"),
         ("read_noise_e", "-1", "read_noise_e"),
@@ -178,8 +178,8 @@ fn descriptions_of_captures() {
         ("timing", "\"tomorrow\"", "tomorrow"),
         ("dead_pixels", "[[6, 0]]", "(6, 0)"),
         ("dead_pixels", "[[0, 18446744073709551615]]", "dead pixel"),
-        ("dead_pixels", "[[0, -1]]", "invalid"),
-        ("missing_count", "65536", "invalid"),
+        ("dead_pixels", "[[0, -1]]", "dead_pixels\" is"),
+        ("missing_count", "65536", "missing_count\" is"),
         ("pattern", "\"../../etc/passwd\"", "built-in"),
         ("pattern", "{\"tile\": []}", "0×0"),
         ("no such key", "1", "no such key"),
@@ -189,7 +189,11 @@ fn descriptions_of_captures() {
     for text in ["", "[]", "null", "{", "\u{feff}{}", "{\"pattern\": 1}"] {
         desk.refuses_file("capture/capture.json", text.as_bytes(), &[]);
     }
-    desk.refuses_file("capture/capture.json", &[0xff; 100], &[]);
+    desk.refuses_file("capture/capture.json", &[0xff; 100], &["UTF-8"]);
+    desk.refuses_file("capture/capture.json", b"\xff\xfe{\0}\0", &["UTF-16"]);
+    desk.refuses_file("capture/capture.json", b"\xef\xbb\xbf[]", &["an object"]);
+    let twice = sound.trim_end().trim_end_matches('}').to_owned() + ", \"black_level\": 64}";
+    desk.refuses_file("capture/capture.json", twice.as_bytes(), &["black_level", "twice"]);
     desk.refuses_file("capture/capture.json", "[".repeat(1 << 20).as_bytes(), &[]);
     desk.refuses_file("capture/capture.json", " ".repeat((16 << 20) + 1).as_bytes(), &["16777216"]);
 }
@@ -376,6 +380,16 @@ fn pictures() {
     ] {
         desk.refuses_file("p.exr", &window(corners), &[]);
     }
+    // A display window that a small file cannot fill, or in which it has no pixels.
+    for (corners, word) in [([0, 0, 16383, 16383], "display window"), ([90, 90, 97, 95], "no pixel")] {
+        let name = b"displayWindow\0box2i\0";
+        let mut bytes = bytes.clone();
+        let at = bytes.windows(name.len()).position(|part| part == name).unwrap() + name.len() + 4;
+        for (i, corner) in corners.iter().enumerate() {
+            bytes[at + 4 * i..at + 4 * i + 4].copy_from_slice(&i32::to_le_bytes(*corner));
+        }
+        desk.refuses_file("p.exr", &bytes, &[word]);
+    }
     // Room is not made for what the file cannot hold: found by fuzzing.
     desk.refuses_file("p.exr", &window([0, 0, (1 << 26) - 1, 0]), &["promises"]);
     for length in [0, 4, 8, bytes.len() / 2, bytes.len() - 1] {
@@ -394,6 +408,11 @@ fn pictures() {
     let sequence = desk.name("sequence");
     desk.refuses("pictures of two sizes", &["sample", &sequence], &["frame-00001.exr", "6×8"]);
     fs::remove_file(desk.path("sequence/frame-00001.exr")).unwrap();
+    fs::copy(&sound, desk.path("sequence/frame-00003.exr")).unwrap();
+    desk.refuses("a gap", &["sample", &sequence], &["frames 1 to 2", "frame-00003"]);
+    fs::rename(desk.path("sequence/frame-00003.exr"), desk.path("sequence/mask-00001.exr")).unwrap();
+    desk.refuses("two sequences", &["sample", &sequence], &["2 sequences", "mask"]);
+    fs::remove_file(desk.path("sequence/mask-00001.exr")).unwrap();
     fs::create_dir(desk.path("sequence/frame-00001.exr")).unwrap();
     desk.refuses("a folder in the place of a picture", &["sample", &sequence], &["frame-00001.exr"]);
 }

@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 use super::capture::{ARRAY, described_in};
 use super::completed::{Completed, frame_times};
 use super::covering::{Covering, HeldFrames, Pixels};
+use super::keys;
 use super::text::read_text;
 use super::{Capture, CaptureInfo, Inspection, Recording, SensorError, Source, Timing};
 use crate::fingerprint::{Fingerprint, Fingerprinted};
@@ -65,9 +66,7 @@ impl CaptureFile {
         check_size(width, height).at(&array)?;
         let json = described_in(&array);
         let mut keys = match read_text(&json) {
-            Ok(text) => serde_json::from_str::<Map<String, Value>>(&text)
-                .map_err(|e| SensorError::Capture(e.to_string()))
-                .at(&json)?,
+            Ok(text) => keys::parse(&text).at(&json)?,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound && overrides.contains_key("pattern") => {
                 Map::new()
             }
@@ -82,10 +81,8 @@ impl CaptureFile {
         let depth = u64::from(counts.bits());
         let depth = keys.entry("bit_depth").or_insert(depth.into()).as_u64().unwrap_or(depth).clamp(1, 16);
         keys.entry("white_level").or_insert(((1u64 << depth) - 1).into());
-        let info: CaptureInfo = serde_json::from_value(Value::Object(keys))
-            .map_err(|e| SensorError::Capture(e.to_string()))
-            .at(&json)?;
         let described = if json.exists() { &json } else { &array };
+        let info = keys::info(&keys).at(described)?;
         let mut recording = Recording::new(info, [height, width], array.parent()).at(described)?;
         let times = frame_times(&recording.info, frames, array.parent()).at(described)?;
         // From here on, no frame is missing.

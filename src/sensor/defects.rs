@@ -64,8 +64,8 @@ impl Defects {
         Ok(Self { dead, missing, alike: alike(pattern), rows, cols, height, width })
     }
 
-    /// Reads a list of pixels: a row and a column a line, with a comma or blanks between; a first line of words is a
-    /// heading, lines that begin with # are comments.
+    /// Reads a list of pixels: a row and a column a line, with a comma or blanks between. A first line of words is a
+    /// heading, which says what is which (`row,column` or `x,y`); lines that begin with # are comments.
     pub fn read_pixels(path: impl AsRef<Path>) -> Result<Vec<[usize; 2]>> {
         let path = path.as_ref();
         Self::parse_pixels(&super::text::read_text(path).at(path)?).at(path)
@@ -73,13 +73,23 @@ impl Defects {
 
     fn parse_pixels(text: &str) -> Result<Vec<[usize; 2]>, SensorError> {
         let mut pixels = Vec::new();
+        let (mut begun, mut column_first) = (false, false);
         let lines = text.lines().map(str::trim).enumerate();
         for (index, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
             let fields = line.split([',', ';', '\t', ' ']).filter(|field| !field.is_empty());
-            let numbers: Option<Vec<usize>> = fields.map(|field| field.parse().ok()).collect();
+            let fields: Vec<&str> = fields.map(|field| field.trim_matches('"')).collect();
+            let numbers: Option<Vec<usize>> = fields.iter().map(|field| field.parse().ok()).collect();
+            let is_first = !std::mem::replace(&mut begun, true);
             match numbers.as_deref() {
+                Some(&[column, row]) if column_first => pixels.push([row, column]),
                 Some(&[row, column]) => pixels.push([row, column]),
-                None if pixels.is_empty() && !line.starts_with(|c: char| c.is_ascii_digit() || c == '-') => {}
+                None if is_first && !line.starts_with(|c: char| c.is_ascii_digit() || c == '-') => {
+                    column_first = heading_begins_with_column(&fields).ok_or_else(|| {
+                        let problem =
+                            format!("the heading '{line}' names no row and column; write row,column or x,y");
+                        SensorError::Capture(format!("line {}: {problem}", index + 1))
+                    })?;
+                }
                 _ => {
                     let problem = format!("line {}: '{line}' is not a row and a column", index + 1);
                     return Err(SensorError::Capture(problem));
@@ -150,6 +160,19 @@ fn alike(pattern: &Pattern) -> Vec<Vec<Neighbour>> {
         places
     };
     (0..kind.len()).map(of).collect()
+}
+
+/// Whether a heading of two fields names the column first; nothing if it does not name a row and a column.
+fn heading_begins_with_column(fields: &[&str]) -> Option<bool> {
+    let is_column = |field: &&str| match field.to_lowercase().as_str() {
+        "x" | "col" | "column" => Some(true),
+        "y" | "row" => Some(false),
+        _ => None,
+    };
+    match fields.iter().map(is_column).collect::<Option<Vec<_>>>()?[..] {
+        [first, second] if first != second => Some(first),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -286,6 +309,16 @@ mod tests {
         let parse = |text: &str| super::Defects::parse_pixels(text);
         let pixels = parse("row,column\n# hot\n3, 4\n5\t6\n\n7 8\n").unwrap();
         assert_eq!(pixels, [[3, 4], [5, 6], [7, 8]]);
+        for heading in ["x,y", "X;Y", "\"x\", \"y\"", "column row", "col\tROW"] {
+            assert_eq!(parse(&format!("# hot\n{heading}\n3, 4\n")).unwrap(), [[4, 3]], "{heading}");
+        }
+        for heading in ["y,x", "Row,Col"] {
+            assert_eq!(parse(&format!("{heading}\n3, 4\n")).unwrap(), [[3, 4]], "{heading}");
+        }
+        for heading in ["a,b", "x,column", "row", "id,x,y", "x,y\nx,y"] {
+            let error = parse(&format!("{heading}\n3, 4\n")).unwrap_err().to_string();
+            assert!(error.contains("line"), "{error}");
+        }
         for bad in ["1,2\nwhat\n", "1\n", "1,2,3\n", "-1,2\n", "1.5,2\n"] {
             let error = parse(bad).unwrap_err().to_string();
             assert!(error.contains("line"), "{error}");

@@ -194,8 +194,8 @@ impl ResponseSpec {
                 match folder {
                     Some(folder) if Response::is_measured(name) && plain => Response::read_form(folder.join(name)),
                     _ => Err(SensorError::Response(format!(
-                        "'{name}' is neither a built-in response (linear, gamma, soft-knee) nor a .csv file beside \
-                         the capture"
+                        "\"{name}\" is neither \"linear\" nor a .csv file beside the capture; others are written \
+                         {{\"gamma\": 2.2}}, {{\"soft-knee\": 0.6}}"
                     ))
                     .into()),
                 }

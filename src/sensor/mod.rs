@@ -14,6 +14,7 @@ mod fit_response;
 mod frame_numbers;
 mod importer;
 mod inspection;
+mod keys;
 mod pattern;
 mod placement;
 mod readouts;

@@ -4,11 +4,11 @@
 //! pictures turned, and brings a colour management library along, for a format of one page.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Take};
 use std::path::Path;
 
 use super::format::Format;
-use super::pixels::{check_pixels, check_size, luminance, reserve};
+use super::pixels::{check_pixels, check_size, luminance, luminance_weights, reserve};
 use super::{Video, VideoError};
 use crate::{At, Result};
 
@@ -22,13 +22,11 @@ pub(super) const FORMAT: Format = Format {
     counts: None,
 };
 
-/// Longest line of a header that is read.
-const MAX_LINE: u64 = 4096;
-/// Most lines of a header that are read.
-const MAX_LINES: usize = 1000;
+/// Longest header that is read; programs keep whole command lines in it.
+const MAX_HEADER: u64 = 1 << 20;
 
 /// Reads a picture as a video of one frame, in the file's own units: luminance of its colours (Rec. 709), or Y of XYZ.
-/// `EXPOSURE` lines are undone, as the format asks.
+/// `EXPOSURE` and `COLORCORR` lines are undone, as the format asks, and `PRIMARIES` give colours other weights.
 pub fn read(path: impl AsRef<Path>) -> Result<Video> {
     let path = path.as_ref();
     let file = File::open(path).at(path)?;
@@ -54,7 +52,8 @@ fn read_picture(content: &mut impl BufRead) -> Result<Video> {
 }
 
 struct Header {
-    xyz: bool,
+    /// What the three components add to the luminance.
+    weights: [f32; 3],
     exposure: f32,
     layout: Layout,
 }
@@ -65,8 +64,8 @@ impl Header {
             return 0.0;
         }
         let unit = 2.0_f64.powi(i32::from(e) - 128 - 8) / f64::from(self.exposure);
-        let value = |mantissa: u8| f32::from(mantissa);
-        let sum = if self.xyz { value(b) } else { luminance([value(a), value(b), value(c)]) };
+        let [wa, wb, wc] = self.weights;
+        let sum = wa * f32::from(a) + wb * f32::from(b) + wc * f32::from(c);
         (f64::from(sum) * unit) as f32
     }
 }
@@ -121,39 +120,71 @@ impl Layout {
 }
 
 fn read_header(content: &mut impl BufRead) -> Result<Header> {
+    let content = &mut content.take(MAX_HEADER);
     let signature = read_line(content)?;
     if !signature.starts_with("#?") {
         return Err(VideoError::Format("is not a Radiance picture".into()).into());
     }
-    let (mut xyz, mut exposure) = (false, 1.0_f32);
-    for _ in 0..MAX_LINES {
+    let (mut xyz, mut exposure, mut correction) = (false, 1.0_f32, [1.0_f32; 3]);
+    let mut colours = [luminance([1.0, 0.0, 0.0]), luminance([0.0, 1.0, 0.0]), luminance([0.0, 0.0, 1.0])];
+    loop {
         let line = read_line(content)?;
         if line.is_empty() {
-            let layout = Layout::parse(&read_line(content)?)?;
-            if !(exposure.is_normal() && exposure > 0.0) {
-                return Err(VideoError::Format(format!("has an exposure of {exposure}")).into());
-            }
-            return Ok(Header { xyz, exposure, layout });
+            break;
         }
-        match line.split_once('=') {
+        let unusable = || VideoError::Format(format!("has an unusable line {line:?} in its header"));
+        match line.split_once('=').map(|(key, value)| (key.trim(), value.trim())) {
             Some(("FORMAT", "32-bit_rle_rgbe")) => xyz = false,
             Some(("FORMAT", "32-bit_rle_xyze")) => xyz = true,
             Some(("FORMAT", format)) => {
                 return Err(VideoError::Format(format!("has the unknown format {format:?}")).into());
             }
-            Some(("EXPOSURE", value)) => exposure *= value.trim().parse::<f32>().unwrap_or(f32::NAN),
+            // Programs write 0 for an exposure that they do not know.
+            Some(("EXPOSURE", value)) => match numbers(value) {
+                Some([0.0]) => {}
+                Some([factor]) => exposure *= factor,
+                None => return Err(unusable().into()),
+            },
+            Some(("COLORCORR", value)) => {
+                let factors: [f32; 3] = numbers(value).ok_or_else(unusable)?;
+                correction = [0, 1, 2].map(|i| correction[i] * factors[i]);
+            }
+            Some(("PRIMARIES", value)) => {
+                let [rx, ry, gx, gy, bx, by, wx, wy] = numbers(value).ok_or_else(unusable)?.map(f64::from);
+                let primaries = [[rx, ry], [gx, gy], [bx, by]];
+                colours = luminance_weights(primaries, [wx, wy]).ok_or_else(unusable)?;
+            }
             _ => {} // comments and attributes that do not change the pixels
         }
     }
-    Err(VideoError::Format("has a header without end".into()).into())
+    let layout = Layout::parse(&read_line(content)?)?;
+    let usable = |factor: f32| factor.is_normal() && factor > 0.0;
+    if !usable(exposure) {
+        return Err(VideoError::Format(format!("has an exposure of {exposure}")).into());
+    }
+    if !correction.into_iter().all(usable) {
+        return Err(VideoError::Format(format!("has a colour correction of {correction:?}")).into());
+    }
+    let weights = if xyz { [0.0, 1.0, 0.0] } else { colours };
+    Ok(Header { weights: [0, 1, 2].map(|i| weights[i] / correction[i]), exposure, layout })
+}
+
+/// As many numbers as are asked for, with blanks between.
+fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
+    let numbers: Option<Vec<f32>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
+    numbers?.try_into().ok()
 }
 
 /// One line without its end.
-fn read_line(content: &mut impl BufRead) -> Result<String> {
+fn read_line(content: &mut Take<&mut impl BufRead>) -> Result<String> {
     let mut line = Vec::new();
-    content.take(MAX_LINE).read_until(b'\n', &mut line)?;
+    content.read_until(b'\n', &mut line)?;
     if line.pop() != Some(b'\n') {
-        return Err(VideoError::Format("ends within its header".into()).into());
+        let problem = match content.limit() {
+            0 => format!("has a header of more than {MAX_HEADER} bytes"),
+            _ => "ends within its header".into(),
+        };
+        return Err(VideoError::Format(problem).into());
     }
     Ok(String::from_utf8_lossy(&line).trim_end_matches('\r').to_owned())
 }
@@ -255,6 +286,24 @@ mod tests {
         assert_eq!(values(&format!("{HEAD}-Y 1 +X 1\n"), &[[9, 9, 9, 0]]), [0.0]);
     }
 
+    /// What programs write into headers beside a size and a format.
+    #[test]
+    fn headers_as_programs_write_them() {
+        let first = |lines: &str, pixel| values(&format!("#?RADIANCE\n{lines}\n\n-Y 1 +X 1\n"), &[pixel])[0];
+        assert_eq!(first("EXPOSURE=0", grey(129)), 1.0);
+        assert_eq!(first("EXPOSURE = 2\nEXPOSURE= 0.0", grey(129)), 0.5);
+        assert_eq!(first("FORMAT = 32-bit_rle_rgbe ", grey(129)), 1.0);
+        assert_eq!(first(" FORMAT= 32-bit_rle_xyze\t", [1, 128, 2, 129]), 1.0);
+        assert_eq!(first(&format!("pfilt -e 1 {}", "x".repeat(100_000)), grey(129)), 1.0);
+        assert_eq!(first("rpict\n".repeat(5000).trim_end(), grey(129)), 1.0);
+        assert_eq!(first("COLORCORR=2 2 2\nCOLORCORR= 2 2 2", grey(129)), 0.25);
+        // Green of a correction, and of primaries that are those of XYZ.
+        let green = [0, 128, 0, 129];
+        assert_eq!(first("COLORCORR=1 0.7152 1", green), 1.0);
+        assert_eq!(first("PRIMARIES= 1 0 0 1 0 0 0.25 0.25", green), 1.0);
+        assert_eq!(first("PRIMARIES=1 0 0 1 0 0 0.25 0.25", [128, 0, 128, 129]), 0.0);
+    }
+
     #[test]
     fn both_kinds_of_runs() {
         let old = [grey(129), [1, 1, 1, 3], grey(130), [1, 1, 1, 2], [1, 1, 1, 1]];
@@ -293,9 +342,16 @@ mod tests {
         assert!(fail(&format!("{HEAD}-Y -1 +X 3\n"), &[]).contains("usable size"));
         assert!(fail(&format!("{HEAD}-Y 1 +Y 3\n"), &[]).contains("usable size"));
         assert!(fail("#?RADIANCE\nFORMAT=jpeg\n\n-Y 1 +X 1\n", &[0; 4]).contains("jpeg"));
-        assert!(fail("#?RADIANCE\nEXPOSURE=0\n\n-Y 1 +X 1\n", &[0; 4]).contains("exposure"));
-        assert!(fail(&format!("#?RADIANCE\n{}", "x\n".repeat(2000)), &[]).contains("without end"));
-        assert!(fail(&format!("#?RADIANCE\n{}", "x".repeat(10_000)), &[]).contains("header"));
+        for bad in ["EXPOSURE=-1", "EXPOSURE=inf", "COLORCORR=0 1 1", "EXPOSURE=1e30\nEXPOSURE=1e30"] {
+            let error = fail(&format!("#?RADIANCE\n{bad}\n\n-Y 1 +X 1\n"), &[0; 4]);
+            assert!(error.contains("exposure") || error.contains("correction"), "{bad}: {error}");
+        }
+        for bad in ["EXPOSURE=much", "COLORCORR=1 2", "PRIMARIES=1 2 3", "PRIMARIES=0 0 0 0 0 0 0 0"] {
+            assert!(fail(&format!("#?RADIANCE\n{bad}\n\n-Y 1 +X 1\n"), &[0; 4]).contains(bad));
+        }
+        assert!(fail(&format!("#?RADIANCE\n{}", "x\n".repeat(2000)), &[]).contains("within its header"));
+        assert!(fail(&format!("#?RADIANCE\n{}", "x\n".repeat(1 << 20)), &[]).contains("more than 1048576"));
+        assert!(fail(&format!("#?RADIANCE\n{}", "x".repeat(1 << 21)), &[]).contains("more than 1048576"));
         // A run before any pixel, runs past the end, and markers whose count overflows.
         assert!(fail(&format!("{HEAD}-Y 1 +X 9\n"), &[1, 1, 1, 2]).contains("run"));
         assert!(fail(&format!("{HEAD}-Y 1 +X 2\n"), &[9, 9, 9, 9, 1, 1, 1, 2]).contains("run"));

@@ -21,7 +21,14 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 29] = [
+const MUTANTS: [Mutant; 30] = [
+    Mutant {
+        what: "the pixels of an EXR file are put where its display window begins",
+        file: "src/video/exr.rs",
+        sound: "y as i64 + top",
+        faulty: "y as i64 + 0 * top",
+        test: ["lib", "video::exr::tests::pixels_lie_at_their_place_in_the_display_window"],
+    },
     Mutant {
         what: "a link to a source is taken for another file",
         file: "src/video/outputs.rs",

@@ -3,6 +3,7 @@
 mod names;
 mod pictures;
 mod pool;
+mod sequence;
 #[cfg(test)]
 mod tests;
 mod working;

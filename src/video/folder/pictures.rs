@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::super::format::{ReadVideo, ending};
 use super::super::pixels::reserve;
 use super::super::{Video, VideoError, exr};
+use super::sequence::check_sequence;
 use crate::{At, Result};
 
 /// The pictures of a folder, in natural order of their names (`frame2` before `frame10`), read one by one.
@@ -20,10 +21,13 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Those of a folder, which holds at least one. All must have the size of the first one.
+    /// Those of a folder, which holds at least one. All must have the size of the first one, and be of one sequence
+    /// without gaps.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self> {
         let folder = folder.as_ref();
         let files = pictures(folder)?;
+        let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        check_sequence(&files.iter().map(stem).collect::<Vec<_>>()).at(folder)?;
         let Some(first) = files.first() else {
             return Err(VideoError::Format("holds no .exr pictures".into())).at(folder);
         };

@@ -46,12 +46,14 @@ fn names_are_in_natural_order() {
     names.sort_by(|a, b| natural_order(a, b));
     assert_eq!(names, ["a", "b", "b1", "b1x", "b9", "b010", "b10", "b99999999999999999999999", "é2", "é10"]);
     let folder = tempfile::tempdir().unwrap();
-    for (name, value) in [("frame10.exr", 3.0), ("frame2.exr", 2.0), ("frame1.EXR", 1.0)] {
+    for (name, value) in [("frame11.exr", 3.0), ("frame10.exr", 2.0), ("frame9.EXR", 1.0)] {
         exr::write(folder.path().join(name), &[value], 1, HOW).unwrap();
     }
-    fs::write(folder.path().join(".frame3.exr"), b"hidden").unwrap();
+    fs::write(folder.path().join(".frame12.exr"), b"hidden").unwrap();
     fs::write(folder.path().join("notes.txt"), b"").unwrap();
     assert_eq!(read(folder.path()).unwrap().data, [1.0, 2.0, 3.0]);
+    fs::rename(folder.path().join("frame11.exr"), folder.path().join("frame12.exr")).unwrap();
+    assert!(read(folder.path()).unwrap_err().to_string().contains("frame 11 between"));
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::super::VideoError;
 use super::super::pixels::reserve;
-use super::header::{Header, element_count, read_header};
+use super::header::{Header, MAGIC, element_count, read_header};
 use crate::Result;
 
 /// A file whose header has been read and whose length is right.
@@ -42,13 +42,26 @@ impl Npy {
         let (header, begin) = read_header(&mut content)?;
         let data_len = meta.len().saturating_sub(begin);
         let declared = element_count(&header.shape).and_then(|n| n.checked_mul(header.kind.bytes()));
-        if declared.map(|n| n as u64) != Some(data_len) {
-            let Header { shape, kind, .. } = &header;
-            let kind = kind.descr();
-            return Err(VideoError::Format(format!(
-                "its header promises {shape:?} of '{kind}', but {data_len} bytes follow; is it truncated?"
-            ))
-            .into());
+        let declared = declared.map_or(u64::MAX, |bytes| bytes as u64);
+        let Header { shape, kind, .. } = &header;
+        let promise = format!("its header promises {shape:?} of '{}'", kind.descr());
+        if declared > data_len {
+            let problem = format!("{promise}, but only {data_len} bytes follow: it is truncated");
+            return Err(VideoError::Format(problem).into());
+        }
+        if declared < data_len {
+            content.seek_relative(declared as i64)?;
+            let mut next = Vec::new();
+            content.by_ref().take(MAGIC.len() as u64).read_to_end(&mut next)?;
+            let cause = if next == MAGIC {
+                "another array; save one array a file"
+            } else {
+                "something else; if those are frames, write the header anew with their number"
+            };
+            let more = data_len - declared;
+            return Err(
+                VideoError::Format(format!("{promise}, but behind them {more} bytes hold {cause}")).into()
+            );
         }
         if data_len == 0 {
             return Err(VideoError::Shape(format!("is empty: its shape is {:?}", header.shape)).into());

@@ -32,14 +32,16 @@ impl Kind {
     fn parse(descr: &str) -> Result<Self, String> {
         // NumPy writes `|u1`; a byte has no order, so that others are as good.
         let plain = if matches!(descr, "<u1" | ">u1" | "=u1") { "|u1" } else { descr };
-        match Self::ALL.into_iter().find(|(_, name)| *name == plain) {
-            Some((kind, _)) => Ok(kind),
-            None if descr.starts_with('>') => {
-                let native = descr.replacen('>', "<", 1);
-                Err(format!("holds big-endian numbers ('{descr}'); convert it with .astype('{native}')"))
-            }
-            None => Err(format!("holds numbers of type '{descr}'; u8, u16, f16, f32 or f64 can be used")),
+        let find = |name: &str| Self::ALL.into_iter().find(|(_, known)| *known == name);
+        if let Some((kind, _)) = find(plain) {
+            return Ok(kind);
         }
+        let native = descr.replacen('>', "<", 1);
+        if find(&native).is_some() {
+            return Err(format!("holds big-endian numbers ('{descr}'); convert it with .astype('{native}')"));
+        }
+        let called = described(descr);
+        Err(format!("holds {called} ('{descr}'); a capture is u8 or u16, a video f16, f32 or f64"))
     }
 
     pub fn bytes(self) -> usize {
@@ -49,6 +51,19 @@ impl Kind {
             Self::F32 => 4,
             Self::F64 => 8,
         }
+    }
+}
+
+/// What numbers of a type that is not read are called.
+fn described(descr: &str) -> &'static str {
+    match descr.trim_start_matches(['<', '>', '=', '|']).as_bytes().first() {
+        Some(b'b') => "truth values",
+        Some(b'i') => "signed integers",
+        Some(b'u') => "unsigned integers of more than 16 bits",
+        Some(b'f') => "floating-point numbers of more than 64 bits",
+        Some(b'c') => "complex numbers",
+        Some(b'O') => "Python objects",
+        _ => "no numbers",
     }
 }
 
@@ -69,6 +84,9 @@ impl Header {
             let key = rest.string()?;
             rest.expect(':')?;
             match key {
+                "descr" if rest.is_next('[') => {
+                    return Err("holds records (a structured array); save one of their fields".into());
+                }
                 "descr" => kind = Some(Kind::parse(rest.string()?)?),
                 "fortran_order" => fortran_order = Some(rest.boolean()?),
                 "shape" => shape = Some(rest.tuple()?),
@@ -103,6 +121,10 @@ impl<'a> Literal<'a> {
         let rest = self.0.trim_start().strip_prefix(symbol);
         self.0 = rest.unwrap_or(self.0);
         rest.is_some()
+    }
+
+    fn is_next(&self, symbol: char) -> bool {
+        self.0.trim_start().starts_with(symbol)
     }
 
     fn expect(&mut self, symbol: char) -> Result<(), String> {
@@ -144,10 +166,11 @@ impl<'a> Literal<'a> {
         let mut numbers = Vec::new();
         self.expect('(')?;
         while !self.take(')') {
+            let before = Self(self.0);
             let word = self.word();
             // Python 2 wrote long integers with an L.
             let number = word.strip_suffix('L').unwrap_or(word).parse();
-            numbers.push(number.map_err(|_| self.unreadable("a size"))?);
+            numbers.push(number.map_err(|_| before.unreadable("a size"))?);
             if numbers.len() > MAX_RANK {
                 return Err(format!("has more than {MAX_RANK} axes"));
             }
@@ -172,13 +195,32 @@ pub(super) fn element_count(shape: &[usize]) -> Option<usize> {
     shape.iter().try_fold(1_usize, |product, &n| product.checked_mul(n))
 }
 
+/// What a file is instead, by its first bytes, and what to do with it.
+fn foreign(start: &[u8]) -> &'static str {
+    const VIDEO: &str =
+        " but a video; decode its frames (with ffmpeg, say) and save them as one array with np.save";
+    const TIFF: &str = " but a TIFF; save it as one array, np.save('capture.npy', tifffile.imread(…))";
+    match start {
+        [b'P', b'K', 3 | 5, _, ..] => {
+            " but an archive of arrays (.npz); save one of them alone, np.save('capture.npy', np.load(…)['NAME'])"
+        }
+        [_, _, _, _, b'f', b't', b'y', b'p', ..]
+        | [b'R', b'I', b'F', b'F', ..]
+        | [0x1a, 0x45, 0xdf, 0xa3, ..] => VIDEO,
+        [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => TIFF,
+        [0x89, b'H', b'D', b'F', ..] => " but HDF5; save one of its arrays with np.save",
+        [0x80, 2..=5, ..] => " but a Python pickle; save its array with np.save",
+        _ => "",
+    }
+}
+
 /// Reads the header; returns also the number of bytes before the numbers.
 pub(super) fn read_header(content: &mut impl Read) -> Result<(Header, u64)> {
     let format = |problem: String| VideoError::Format(problem);
     let mut start = Vec::new();
     content.take(8).read_to_end(&mut start)?;
     if !start.starts_with(MAGIC) || start.len() < 8 {
-        return Err(format("is not a NumPy file".into()).into());
+        return Err(format(format!("is not a NumPy file{}", foreign(&start))).into());
     }
     let length_bytes = match start[6] {
         1 => 2,

@@ -155,6 +155,8 @@ fn wrong_headers_are_refused_with_the_cause() {
     assert!(fail(&shape("(1, 1, 2, 2)"), 16).contains("has shape [1, 1, 2, 2]"));
     assert!(fail(&shape("(0, 4, 4)"), 0).contains("empty"));
     assert!(fail(&shape("(2, 4, 4)"), 64).contains("truncated"));
+    assert!(fail(&shape("(0, 4, 4)"), 64).contains("behind them 64 bytes hold something else"));
+    assert!(fail(&shape("(np.int64(1), 4, 4)"), 64).contains("a size expected at \"np.int64"));
     // Sizes whose product overflows, or wraps to the right length.
     assert!(fail(&shape("(4294967296, 4294967296, 1)"), 0).contains("promises"));
     assert!(fail(&shape("(18446744073709551615, 2, 3)"), 8).contains("promises"));
@@ -167,7 +169,19 @@ fn wrong_headers_are_refused_with_the_cause() {
     assert!(fail(&descr("'<i8'"), 8).contains("'<i8'"));
     assert!(fail(&descr("'|O'"), 8).contains("'|O'"));
     assert!(fail(&descr("'>f4'"), 4).contains("big-endian"));
-    assert!(fail(&descr("[('a', '<f4')]"), 4).contains("quoted word"));
+    for (type_of, called) in [
+        ("<i2", "signed integers"),
+        (">i2", "signed integers"),
+        ("<u4", "more than 16 bits"),
+        ("|b1", "truth values"),
+        ("<c8", "complex numbers"),
+        ("<M8[ns]", "no numbers"),
+    ] {
+        let error = fail(&descr(&format!("'{type_of}'")), 4);
+        assert!(error.contains(called) && error.contains("a capture is u8 or u16, a video f16"), "{error}");
+    }
+    assert!(fail(&descr("[('a', '<f4')]"), 4).contains("records"));
+    assert!(fail(&descr("(2, 'x')"), 4).contains("quoted word"));
     assert!(fail("{'descr': '<f4', 'shape': (1, 1, 1)}", 4).contains("without"));
     assert!(fail("{'pickle': 1}", 4).contains("unknown key"));
     assert!(fail("", 4).contains("unreadable"));
@@ -207,4 +221,31 @@ fn a_writer_wants_the_promised_frames() {
     assert!(writer.push(Plane::new([2, 2], &[0.0; 4])).is_err());
     Box::new(writer).finish().unwrap();
     assert!(NpyWriter::begin(&path, [1, 0, 2], false).is_err());
+}
+
+/// What other programs write is named, with what to do.
+#[test]
+fn files_of_other_formats_are_named() {
+    let folder = folder();
+    let path = folder.path().join("v.npy");
+    let fail = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        read_counts(&path).unwrap_err().to_string()
+    };
+    for (start, word) in [
+        (&b"PK\x03\x04\x14\0\0\0"[..], "archive of arrays (.npz)"),
+        (b"\0\0\0\x20ftypisom", "a video"),
+        (b"RIFF\0\0\0\0AVI ", "a video"),
+        (b"\x1aE\xdf\xa3\0\0\0\0", "a video"),
+        (b"II*\0\0\0\0\0", "a TIFF"),
+        (b"MM\0*\0\0\0\0", "a TIFF"),
+        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+    ] {
+        let error = fail(start);
+        assert!(error.contains(word) && error.contains("np.save"), "{error}");
+    }
+    assert!(fail(b"something").ends_with("is not a NumPy file"));
+    write_counts(&path, &[2, 1, 1], &Counts::U8(vec![1, 2])).unwrap();
+    let twice = fs::read(&path).unwrap().repeat(2);
+    assert!(fail(&twice).contains("130 bytes hold another array"), "{}", fail(&twice));
 }
