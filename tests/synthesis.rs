@@ -45,6 +45,46 @@ fn tiles_equal_the_whole() {
     }
 }
 
+/// What is accumulated knows neither tiles nor windows, and a run that is gone on with makes the same bytes.
+#[test]
+fn accumulation_knows_no_tiles_and_is_gone_on_with() {
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
+    let model = model("tiny");
+    let capture = camera().sample(&truth(48, 40, 56)).unwrap();
+    let frames = |from: usize, settings: Settings| {
+        let settings = Settings { accumulate: true, ..settings };
+        let extent = [capture.height, capture.width];
+        let mut synthesizer =
+            Synthesizer::new(&model, capture.calibration(), extent, &backend, &settings).unwrap();
+        let mut frames = Vec::new();
+        let sink = |result: pix2hdr::synth::ResultFrame| {
+            frames.push((result.number, result.frame.values().to_vec()));
+            Ok(())
+        };
+        synthesizer.stream(&mut *capture.frames(), from, sink).unwrap();
+        frames
+    };
+    let whole = frames(0, Settings::default());
+    assert!(whole == frames(0, Settings { tile: Some(24), hop: Some(8), ..Settings::default() }));
+    assert!(whole[29..] == frames(29, Settings::default())[..]);
+    let alone = synthesise(&model, &capture, None);
+    assert!(whole[40].1 != alone.frame(40), "nothing was accumulated");
+}
+
+/// A camera that does not say how much its pixels scatter cannot tell change from noise.
+#[test]
+fn accumulation_needs_the_noise() {
+    let mut camera = camera();
+    camera.noise = Noise::NONE;
+    let capture = camera.sample(&truth(24, 16, 16)).unwrap();
+    let backend = Backend::choose(ExecutorChoice::Cpu, None, Precision::F32).unwrap();
+    let settings = Settings { accumulate: true, ..Settings::default() };
+    let mut synthesizer =
+        Synthesizer::new(&model("tiny"), capture.calibration(), [16, 16], &backend, &settings).unwrap();
+    let error = synthesizer.video(&capture).unwrap_err().to_string();
+    assert!(error.contains("full_well_e") && error.contains("capture.json"), "{error}");
+}
+
 /// Where a recording begins and which windows it falls into changes no frame that sees the same read-outs.
 #[test]
 fn windows_leave_no_seam() {

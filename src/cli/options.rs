@@ -55,6 +55,10 @@ pub struct RunArgs {
     /// down and backwards in time: as many times the work, for 0.2 to 0.3 dB with 8. The mpve patterns have 8
     #[arg(long, default_value_t = 1, value_name = "VIEWS", value_parser = clap::value_parser!(u8).range(1..=64))]
     pub ensemble: u8,
+    /// Results get better where a scene rests: each pixel's own read-outs since it last changed are averaged, and fused with
+    /// what the net says. The capture has to state its noise (full_well_e, read_noise_e)
+    #[arg(long)]
+    pub accumulate: bool,
 }
 
 /// Rows and columns of frames, `SIDE` of each where nothing is said.
@@ -190,6 +194,7 @@ impl RunArgs {
             tile: self.tile,
             hop: self.hop.map(usize::from),
             ensemble: usize::from(self.ensemble),
+            accumulate: self.accumulate,
         }
     }
 }

@@ -74,6 +74,7 @@ impl<'a> Job<'a> {
         let warnings = check_fits(&model, recording)?.map(Warning::Response).into_iter().collect();
         let calibration = recording.calibration();
         let synthesizer = Synthesizer::new(&model, calibration, recording.extent(), &backend, &settings)?;
+        synthesizer.accept(recording)?;
         Ok(Self { source, settings, model, backend, synthesizer, warnings })
     }
 

@@ -99,6 +99,11 @@ impl Defects {
         Ok(pixels)
     }
 
+    /// Whether each pixel [y, x] never has a value.
+    pub fn dead(&self) -> &[bool] {
+        &self.dead
+    }
+
     /// Whether a pixel with this count has no value: it is dead, or the count stands for a missing read-out.
     pub(super) fn is_none(&self, pixel: usize, count: f64) -> bool {
         self.dead[pixel] || self.missing.map(f64::from) == Some(count)

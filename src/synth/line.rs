@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
+use super::accumulate::Accumulation;
 use super::footage::Seen;
 use super::layout::Tile;
 use super::pool::Pool;
@@ -44,6 +45,8 @@ pub struct Submitted {
     pub wanted: Range<i64>,
     /// What of it is computed.
     pub choice: Choice,
+    /// Where results accumulate, the recorded frames of those that are, the first of them maybe before `wanted`.
+    pub recorded: Vec<Arc<Frame>>,
 }
 
 /// What the line has done so far.
@@ -78,6 +81,8 @@ pub struct Line<'a> {
     free: Vec<Video>,
     /// The last result of every cell, where something may be skipped.
     kept: Option<Kept>,
+    /// What is remembered of the frames before, where results accumulate.
+    accumulation: Option<Accumulation>,
     measurement: Vec<f32>,
     tile: Vec<f32>,
     /// Windows that an executor can hold.
@@ -96,13 +101,15 @@ enum Event {
 }
 
 impl<'a> Line<'a> {
-    /// An empty line. `keeps` says whether some cells may keep their last results.
+    /// An empty line. `keeps` says whether some cells may keep their last results,
+    /// `accumulation` is for results that get better where the scene rests.
     pub fn new(
         pool: &'a mut Pool,
         (cells, grid, window): (&'a Cells, &'a Grid, Window),
         extent: Extent,
         start: i64,
         keeps: bool,
+        accumulation: Option<Accumulation>,
         deliver: SyncSender<ResultFrame>,
     ) -> Self {
         Self {
@@ -117,6 +124,7 @@ impl<'a> Line<'a> {
             results: VecDeque::new(),
             free: Vec::new(),
             kept: keeps.then(|| Kept::new(cells, extent.into())),
+            accumulation,
             measurement: Vec::new(),
             tile: Vec::new(),
             ahead: 1,
@@ -176,6 +184,7 @@ impl<'a> Line<'a> {
             Some(Event::Window(window)) => {
                 let Some(mut result) = self.results.pop_front() else { return Ok(()) };
                 self.merge(&window, &mut result);
+                self.accumulate(&window, &mut result);
                 let delivered = u32::try_from(window.wanted.end - window.wanted.start).unwrap_or(0);
                 self.deliver(window, &result)?;
                 self.free.push(result);
@@ -215,6 +224,17 @@ impl<'a> Line<'a> {
             kept.audit(window.begin, audited, result, &mut self.done.audit);
         }
         kept.merge(window.begin, active, result);
+    }
+
+    /// Fuses results with what is remembered. What cells keep are results as they were before.
+    fn accumulate(&mut self, window: &Submitted, result: &mut Video) {
+        let Some(accumulation) = &mut self.accumulation else { return };
+        let [_, stride] = self.grid.extent();
+        for frame in &window.recorded {
+            let t = frame.time();
+            let result = result.frame_mut((t - window.begin) as usize);
+            accumulation.fuse((t - self.start) as usize, t, (frame.values(), stride), result);
+        }
     }
 
     fn deliver(&mut self, window: Submitted, result: &Video) -> Result<()> {

@@ -4,10 +4,11 @@
 //! of the recording that is in memory. [`windows`] says which frames a net sees. [`skip`] decides which cells of a window
 //! have to be computed and puts them into cuboids, and [`layout`] makes tiles of those ([`tiles`]: which pixels a tile
 //! sees). The [`line`] has executors of the [`pool`] compute them (in several views, if it is to be an [`ensemble`]), puts
-//! results together, and delivers frames to a thread that writes them. All of them see the sensor's frames, in which
+//! results together, lets them [`accumulate`] where a scene rests, and delivers frames to a thread that writes them. All of them see the sensor's frames, in which
 //! [`on_sensor`] lays those of the recording. [`Synthesizer`] runs it all. [`live`] is what
 //! sources that cannot wait have in common.
 
+mod accumulate;
 mod backend;
 mod ensemble;
 mod fit;

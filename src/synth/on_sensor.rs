@@ -85,6 +85,12 @@ impl OnSensor {
         Frame::new(self.sensor, frame.time(), values)
     }
 
+    /// A mask of the sensor's pixels from one [y, x] of the recording's.
+    pub fn laid_mask(&self, mask: &[bool]) -> Vec<bool> {
+        let values = mask.iter().map(|&pixel| f32::from(pixel)).collect();
+        self.laid(&Frame::new(self.frame, 0, values)).values().iter().map(|&value| value > 0.0).collect()
+    }
+
     /// The recording's frame in one of the sensor.
     fn lifted(&self, frame: &Frame) -> Frame {
         let Extent { height, width } = self.frame;

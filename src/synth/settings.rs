@@ -29,6 +29,9 @@ pub struct Settings {
     /// Views in which the camera's pattern looks the same, of whose results the mean is taken (see
     /// [`poses`](super::poses)); 0 or 1: the recording as it is.
     pub ensemble: usize,
+    /// Whether results get better where a scene rests, by what each pixel read out since it last changed. The camera has
+    /// to state its noise.
+    pub accumulate: bool,
 }
 
 impl Default for Settings {
@@ -42,6 +45,7 @@ impl Default for Settings {
             tile: None,
             hop: None,
             ensemble: 1,
+            accumulate: false,
         }
     }
 }
@@ -64,7 +68,8 @@ impl Fingerprinted for Settings {
         fingerprint.note("skip", self.skip)?;
         fingerprint.note("tile", self.tile)?;
         fingerprint.note("hop", self.hop)?;
-        fingerprint.note("ensemble", self.ensemble)
+        fingerprint.note("ensemble", self.ensemble)?;
+        fingerprint.note("accumulate", self.accumulate)
     }
 }
 

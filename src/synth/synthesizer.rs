@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::Backend;
+use super::accumulate::Accumulation;
 use super::ensemble::poses;
 use super::fit::{fit, lengths};
 use super::footage::{Footage, Seen};
@@ -47,6 +48,8 @@ pub struct Synthesizer {
     layout: Layout,
     /// What the frames of the last window are rounded up to.
     step: usize,
+    /// Whether results get better where a scene rests.
+    accumulate: bool,
     /// Cells [rows, columns] around a changed one that are computed with it.
     spread: [usize; 2],
     stop: Arc<AtomicBool>,
@@ -122,6 +125,7 @@ impl Synthesizer {
             cells,
             layout,
             step,
+            accumulate: settings.accumulate,
             spread,
             stop,
         })
@@ -132,9 +136,10 @@ impl Synthesizer {
         &self.grid
     }
 
-    /// Whether a window's results are the recording's frames as they are: neither moved nor turned, nor of tiles.
+    /// Whether a window's results are the recording's frames as they are: neither moved nor turned, nor of tiles, nor
+    /// fused with what came before.
     pub fn whole_frames(&self) -> bool {
-        self.place.whole() && self.grid.count() == 1
+        self.place.whole() && self.grid.count() == 1 && !self.accumulate
     }
 
     /// The windows.
@@ -145,6 +150,26 @@ impl Synthesizer {
     /// Set it from anywhere to end a run after the window that is being computed.
     pub fn stop(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.stop)
+    }
+
+    /// Refuses a recording that is not what this was made for, or that does not say enough.
+    pub fn accept(&self, recording: &Recording) -> Result<()> {
+        if self.place.frame() != recording.extent() || recording.calibration() != self.calibration {
+            return Err(SensorError::Capture(
+                "not the size or camera that the synthesis was made for".into(),
+            )
+            .into());
+        }
+        self.accumulation(recording).map(drop)
+    }
+
+    /// The empty memory of a run over `recording`, where results accumulate.
+    fn accumulation(&self, recording: &Recording) -> Result<Option<Accumulation>> {
+        if !self.accumulate {
+            return Ok(None);
+        }
+        let dead = recording.defects.as_ref().map(|defects| self.place.laid_mask(defects.dead()));
+        Accumulation::new(recording, &self.sensor, self.extent, dead).map(Some)
     }
 
     /// Synthesises all frames of `capture`; `sink` gets each one [rows, columns] in order, as irradiance p.
@@ -176,15 +201,10 @@ impl Synthesizer {
         from: usize,
         mut sink: impl FnMut(ResultFrame) -> Result<()> + Send,
     ) -> Result<Report> {
-        let recording = source.recording();
-        if self.place.frame() != recording.extent() || recording.calibration() != self.calibration {
-            return Err(SensorError::Capture(
-                "not the size or camera that the synthesis was made for".into(),
-            )
-            .into());
-        }
+        self.accept(source.recording())?;
         let begun = Instant::now();
         let place = self.place;
+        let accumulation = self.accumulation(source.recording())?;
         let mut source = Laid::new(source, place);
         let recording = source.recording().clone();
         let (calibration, padded) = (self.sensor.clone(), Extent::from(self.grid.extent()));
@@ -196,7 +216,7 @@ impl Synthesizer {
             let writer = scope.spawn(move || -> Result<()> {
                 finished.iter().map(|result| place.result(result)).try_for_each(&mut sink)
             });
-            let compute = || self.compute(&recording, from, arriving, deliver);
+            let compute = || self.compute(&recording, from, accumulation, arriving, deliver);
             let outcome = catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|_| {
                 self.pool.clear();
                 Err(Error::Panicked("computes frames"))
@@ -216,19 +236,23 @@ impl Synthesizer {
         &mut self,
         recording: &Recording,
         from: usize,
+        accumulation: Option<Accumulation>,
         arriving: Receiver<Result<Frame>>,
         deliver: SyncSender<ResultFrame>,
     ) -> Result<Report> {
         self.pool.reset();
+        // Frames before are computed again where what is delivered remembers them.
+        let remembered = if accumulation.is_some() { Accumulation::begins(from) } else { from };
         let Self { window, sensor, grid, pool, cells, skip, layout, step, extent, spread, stop, .. } = self;
         let start = recording.info.schedule_start;
         let mut footage = Footage::new(arriving, sensor, start);
         let rules = Rules { skip: *skip, cells, window: *window, spread: *spread };
-        let mut gate = Gate::new(rules, recording, sensor, from);
+        let mut gate = Gate::new(rules, recording, sensor, remembered);
         let mut skipped = gate.skipped();
         let (mut count, mut gating) = (0u32, Duration::ZERO);
         let keeps = skipped.is_some();
-        let mut line = Line::new(pool, (cells, grid, *window), *extent, start, keeps, deliver);
+        let accumulates = accumulation.is_some();
+        let mut line = Line::new(pool, (cells, grid, *window), *extent, start, keeps, accumulation, deliver);
         for k in gate.from().. {
             let begin = k * window.hop as i64;
             let times = windows::seen(*window, k);
@@ -261,7 +285,9 @@ impl Synthesizer {
                 skipped.add(active, layout.work(&tiles));
             }
             let wanted = recorded.start.max(start + from as i64)..recorded.end;
-            line.submit(tiles, &seen, Submitted { begin, wanted, choice })?;
+            let remembered = recorded.start.max(start + remembered as i64)..recorded.end;
+            let recorded = remembered.filter(|_| accumulates).map(|t| Arc::clone(seen.frame(t))).collect();
+            line.submit(tiles, &seen, Submitted { begin, wanted, choice, recorded })?;
         }
         line.drain()?;
         let Done { frames, frame_times, inference, audit } = line.done;
