@@ -1,10 +1,10 @@
 //! What a user can do, and what that asks of others.
 
-use crate::engine::Dials;
 use crate::picture::Picture;
-use crate::settings::Arrangement;
+use crate::preferences::Arrangement;
 use crate::source::SourceName;
 use crate::tone::Curve;
+use pix2hdr::synth::Settings;
 
 /// What a user can do.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,7 +94,7 @@ pub enum Action {
     /// Copies the picked pixels' values, or else those of all panes under the pointer.
     Copy,
     /// Changes the engine.
-    Tune(Dials),
+    Tune(Settings),
     /// The next net.
     NextNet,
     /// The next executor.
@@ -120,8 +120,8 @@ pub enum Action {
 pub enum Effect {
     /// The engine: go on from this frame.
     Seek(usize),
-    /// The engine: take these dials, go on from this frame.
-    Tune(Dials, usize),
+    /// The engine: take these settings, go on from this frame.
+    Tune(Settings, usize),
     /// The engine: open this.
     Open(SourceName),
     /// Put the cursor where a source is typed.

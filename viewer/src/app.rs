@@ -16,8 +16,8 @@ use crate::keys::{Binding, bindings};
 use crate::message::{MESSAGE_TIME, Message};
 use crate::pace::{Measured, Pace, resident_bytes};
 use crate::picture::Kinds;
+use crate::preferences::{Preferences, SCALES, Theme, WINDOW};
 use crate::screen::Screen;
-use crate::settings::{SCALES, Settings, Theme, WINDOW};
 use crate::source::SourceName;
 use crate::start::Start;
 use crate::state::State;
@@ -59,7 +59,7 @@ pub struct Viewer {
     waits: bool,
     pub(crate) start: Start,
     pub(crate) jobs: (Sender<Message>, Receiver<Message>),
-    saved: Settings,
+    saved: Preferences,
     last: Instant,
     pub(crate) measured: Measured,
 }
@@ -87,14 +87,15 @@ impl Drawing {
 impl Viewer {
     /// Starts the engine; the viewer has been about to start since `begun`. `shared` synthesises and draws the window.
     pub fn new(start: Start, begun: Instant, shared: Option<Gpu>) -> Self {
-        let mut settings = start.settings();
-        settings.rate = start.rate.unwrap_or(settings.rate);
-        let (opening, source, dials) = (start.opening.clone(), start.source.clone(), start.dials.clone());
-        let engine = Engine::with(opening, source, dials, STORE_BYTES, shared.clone());
-        let table = Arc::new(ToneTable::new(settings.display));
+        let mut preferences = start.preferences();
+        preferences.rate = start.rate.unwrap_or(preferences.rate);
+        let (opening, source, settings) =
+            (start.opening.clone(), start.source.clone(), start.settings.clone());
+        let engine = Engine::with(opening, source, settings, STORE_BYTES, shared.clone());
+        let table = Arc::new(ToneTable::new(preferences.display));
         let now = Instant::now();
         Self {
-            state: State::new(settings.clone(), start.dials.clone()),
+            state: State::new(preferences.clone(), start.settings.clone()),
             engine,
             status: Status::default(),
             reach: Reach { span: None, frames: None, burst: 1 },
@@ -111,7 +112,7 @@ impl Viewer {
             waits: false,
             start,
             jobs: channel(),
-            saved: settings,
+            saved: preferences,
             last: now,
             measured: Measured::new(begun),
         }
@@ -197,7 +198,7 @@ impl Viewer {
         let pattern = |status: &Status| status.recording.as_ref().map(|recording| recording.pattern.clone());
         if pattern(&status) != pattern(&self.status) {
             let pattern = pattern(&status);
-            self.state.nets = nets(pattern.as_ref(), &self.start.dials.weights);
+            self.state.nets = nets(pattern.as_ref(), &self.start.settings.weights);
             self.kinds = Arc::new(pattern.map_or_else(Kinds::default, |pattern| Kinds::new(&pattern)));
         }
         self.status = status;
@@ -218,8 +219,8 @@ impl Viewer {
             self.measured.first[1].get_or_insert(now);
             self.shown = Some(shown);
         }
-        if self.table.display() != self.state.settings.display {
-            self.table = Arc::new(ToneTable::new(self.state.settings.display));
+        if self.table.display() != self.state.preferences.display {
+            self.table = Arc::new(ToneTable::new(self.state.preferences.display));
         }
         while let Ok(message) = self.jobs.1.try_recv() {
             self.messages.push_back(message);
@@ -255,23 +256,23 @@ impl Viewer {
 
     /// Takes over, at first, how large everything was drawn last time, and remembers it and the window's size.
     fn remember_window(&mut self, ctx: &egui::Context) {
-        let settings = &mut self.state.settings;
+        let preferences = &mut self.state.preferences;
         if std::mem::take(&mut self.drawing.is_new) {
-            ctx.set_zoom_factor(settings.scale);
+            ctx.set_zoom_factor(preferences.scale);
             self.engine.on_arrival({
                 let ctx = ctx.clone();
                 move || ctx.request_repaint()
             });
             return;
         }
-        settings.scale = ctx.zoom_factor().clamp(SCALES[0], SCALES[1]);
+        preferences.scale = ctx.zoom_factor().clamp(SCALES[0], SCALES[1]);
         let window = ctx.input(|input| {
             let viewport = input.viewport();
             let usual = viewport.maximized != Some(true) && viewport.fullscreen != Some(true);
-            viewport.inner_rect.filter(|_| usual).map(|rect| rect.size() * settings.scale)
+            viewport.inner_rect.filter(|_| usual).map(|rect| rect.size() * preferences.scale)
         });
         if let Some(size) = window {
-            settings.window = [size.x, size.y].map(|side| side.clamp(WINDOW[0], WINDOW[1]));
+            preferences.window = [size.x, size.y].map(|side| side.clamp(WINDOW[0], WINDOW[1]));
         }
     }
 
@@ -333,7 +334,7 @@ impl Viewer {
 
     /// Sets light or dark.
     pub(crate) fn set_theme(&self, ctx: &egui::Context) {
-        ctx.set_theme(match self.state.settings.theme {
+        ctx.set_theme(match self.state.preferences.theme {
             Theme::System => egui::ThemePreference::System,
             Theme::Dark => egui::ThemePreference::Dark,
             Theme::Light => egui::ThemePreference::Light,
@@ -343,10 +344,10 @@ impl Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        if let Some(path) = self.start.settings.as_ref().filter(|_| self.saved != self.state.settings)
-            && let Err(error) = self.state.settings.write(path)
+        if let Some(path) = self.start.preferences.as_ref().filter(|_| self.saved != self.state.preferences)
+            && let Err(error) = self.state.preferences.write(path)
         {
-            tracing::warn!("settings are not kept: {error}");
+            tracing::warn!("preferences are not kept: {error}");
         }
     }
 }

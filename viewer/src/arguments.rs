@@ -11,8 +11,7 @@ use pix2hdr::scene::Speed;
 use serde_json::json;
 
 use crate::clock::RATE_RANGE;
-use crate::engine::Dials;
-use crate::settings::Settings;
+use crate::preferences::Preferences;
 use crate::source::{Opening, SourceName};
 use crate::{Start, WindowDevice};
 
@@ -114,8 +113,6 @@ impl Arguments {
         };
         // What cannot work is said before a window opens.
         Model::load(&self.engine.weights)?;
-        let pix2hdr::synth::Settings { weights, executor, adapter, precision, skip, tile, hop, ensemble } =
-            self.engine.settings();
         let start = Start {
             source: SourceName::parse(&self.source),
             opening: Opening {
@@ -127,9 +124,9 @@ impl Arguments {
                 truth: self.truth.clone(),
                 plain: self.plain,
             },
-            dials: Dials { weights, executor, adapter, precision, skip, side: tile, hop, ensemble },
+            settings: self.engine.settings(),
             out: self.out.clone(),
-            settings: Settings::path(),
+            preferences: Preferences::path(),
             rate: self.rate,
             seconds: self.seconds,
             device: match self.window_device {

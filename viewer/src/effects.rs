@@ -16,11 +16,12 @@ impl Viewer {
     /// Does what an action asks of others.
     pub(crate) fn carry_out(&mut self, effect: Option<Effect>, ctx: &egui::Context) {
         let Some(effect) = effect else { return };
-        let picture = self.state.settings.pictures().get(self.state.pane).copied().unwrap_or(Picture::Ours);
+        let picture =
+            self.state.preferences.pictures().get(self.state.pane).copied().unwrap_or(Picture::Ours);
         let folder = self.start.out.clone();
         match effect {
             Effect::Seek(frame) => self.engine.seek(frame),
-            Effect::Tune(dials, frame) => self.engine.tune(dials, frame),
+            Effect::Tune(settings, frame) => self.engine.tune(settings, frame),
             Effect::Open(source) => {
                 self.typed = source.to_string();
                 self.shown = None;

@@ -14,8 +14,8 @@ use crate::engine::Phase;
 use crate::frame::Frame;
 use crate::picture::Picture;
 use crate::place::{Part, Placement};
+use crate::preferences::{Arrangement, Preferences};
 use crate::screen::{Painting, Shown};
-use crate::settings::{Arrangement, Settings};
 
 /// Points per pixel from which values are written into pixels.
 const VALUES_FROM: f32 = 44.0;
@@ -38,8 +38,8 @@ impl Viewer {
         }
         ui.allocate_rect(area, Sense::hover());
         self.state.pointer = None;
-        let Settings { arrangement, divider, .. } = self.state.settings;
-        let pictures = self.state.settings.pictures().to_vec();
+        let Preferences { arrangement, divider, .. } = self.state.preferences;
+        let pictures = self.state.preferences.pictures().to_vec();
         match arrangement {
             Arrangement::Divider => self.draw_divided(ui, area, [pictures[0], pictures[1]], divider),
             _ => {
@@ -149,7 +149,7 @@ impl Viewer {
                 part: part.clone(),
                 kinds: Arc::clone(&self.kinds),
                 table: Arc::clone(&self.table),
-                marked: self.state.settings.overlay,
+                marked: self.state.preferences.overlay,
             };
             // Pixels are seen as such where they are large.
             let painting =

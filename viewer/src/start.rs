@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::engine::Dials;
-use crate::settings::Settings;
+use crate::preferences::Preferences;
 use crate::source::{Opening, SourceName};
 use pix2hdr::gpu::Gpu;
+use pix2hdr::synth::Settings;
 use pix2hdr::synth::{self, Backend};
 use pix2hdr::{Error, Result};
 
@@ -29,12 +29,12 @@ pub struct Start {
     pub source: SourceName,
     /// How sources are opened.
     pub opening: Opening,
-    /// The engine's dials.
-    pub dials: Dials,
+    /// The engine's settings.
+    pub settings: Settings,
     /// Where files are written.
     pub out: PathBuf,
-    /// Where settings are kept, if anywhere.
-    pub settings: Option<PathBuf>,
+    /// Where preferences are kept, if anywhere.
+    pub preferences: Option<PathBuf>,
     /// Frames per second, in place of the remembered rate.
     pub rate: Option<f64>,
     /// End after so many seconds.
@@ -45,18 +45,18 @@ pub struct Start {
 
 impl Start {
     /// What is remembered from last time.
-    pub(crate) fn settings(&self) -> Settings {
-        self.settings.as_ref().map_or_else(Settings::default, |path| Settings::read(path))
+    pub(crate) fn preferences(&self) -> Preferences {
+        self.preferences.as_ref().map_or_else(Preferences::default, |path| Preferences::read(path))
     }
 
     /// The GPU that synthesises and draws the window, if one is to do both.
-    pub(crate) fn shared_gpu(&self, dials: &Dials) -> Result<Option<Gpu>> {
+    pub(crate) fn shared_gpu(&self, settings: &Settings) -> Result<Option<Gpu>> {
         if self.device == WindowDevice::Own
-            || dials.executor == synth::ExecutorChoice::Cpu && self.device == WindowDevice::Auto
+            || settings.executor == synth::ExecutorChoice::Cpu && self.device == WindowDevice::Auto
         {
             return Ok(None);
         }
-        match (Backend::choose(dials.executor, dials.adapter.as_deref(), dials.precision), self.device) {
+        match (Backend::choose(settings.executor, settings.adapter.as_deref(), settings.precision), self.device) {
             (Ok(Backend::Gpu(gpu, _)), device)
                 if device == WindowDevice::Shared || !gpu.adapter().is_software() =>
             {

@@ -3,10 +3,10 @@
 use crate::action::{Action, Effect};
 use crate::choices::{ALLOWED_ERRORS, EXECUTORS, PRECISIONS, next, skips};
 use crate::clock::{Clock, RATE_RANGE, Reach, Wish};
-use crate::engine::Dials;
 use crate::place::Look;
-use crate::settings::{Arrangement, EXPOSURES, Settings, Theme};
+use crate::preferences::{Arrangement, EXPOSURES, Preferences, Theme};
 use crate::tone::Curve;
+use pix2hdr::synth::Settings;
 use pix2hdr::synth::Skip;
 
 /// Most pixels of which the time series is shown.
@@ -16,7 +16,7 @@ pub const MOST_PICKS: usize = 4;
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     /// What is remembered.
-    pub settings: Settings,
+    pub preferences: Preferences,
     /// The playhead.
     pub clock: Clock,
     /// Zoom and pan.
@@ -29,8 +29,8 @@ pub struct State {
     pub pane: usize,
     /// Whether the list of keys is open.
     pub help: bool,
-    /// The engine's dials.
-    pub dials: Dials,
+    /// The engine's settings.
+    pub settings: Settings,
     /// The nets that the dial offers.
     pub nets: Vec<String>,
     /// Rows and columns of the pictures, and width and height of a pane in points, as they were last drawn.
@@ -40,19 +40,19 @@ pub struct State {
 }
 
 impl State {
-    /// A state with these settings and dials.
-    pub fn new(settings: Settings, dials: Dials) -> Self {
-        let clock = Clock { rate: settings.rate, looping: settings.looping, ..Clock::default() };
-        let nets = vec![dials.weights.clone()];
+    /// A state with these preferences and settings.
+    pub fn new(preferences: Preferences, settings: Settings) -> Self {
+        let clock = Clock { rate: preferences.rate, looping: preferences.looping, ..Clock::default() };
+        let nets = vec![settings.weights.clone()];
         Self {
-            settings,
+            preferences,
             clock,
             look: Look::default(),
             picks: Vec::new(),
             range: [None; 2],
             pane: 0,
             help: false,
-            dials,
+            settings,
             nets,
             drawn: ([0; 2], [0.0; 2]),
             pointer: None,
@@ -67,7 +67,7 @@ impl State {
     /// Does what a user wants.
     // Long because each action has its arm, and the compiler names those that are missing.
     pub fn apply(&mut self, action: Action, reach: Reach) -> Option<Effect> {
-        let settings = &mut self.settings;
+        let preferences = &mut self.preferences;
         match action {
             Action::Play => {
                 self.clock.playing = !self.clock.playing;
@@ -87,43 +87,43 @@ impl State {
             }
             Action::Loop => {
                 self.clock.looping = !self.clock.looping;
-                settings.looping = self.clock.looping;
+                preferences.looping = self.clock.looping;
             }
             Action::Exposure(stops) if stops.is_finite() => {
-                settings.display.exposure = stops.clamp(EXPOSURES[0], EXPOSURES[1]);
+                preferences.display.exposure = stops.clamp(EXPOSURES[0], EXPOSURES[1]);
             }
             Action::Expose(by) => {
-                let exposure = settings.display.exposure + by;
+                let exposure = preferences.display.exposure + by;
                 return self.apply(Action::Exposure(exposure), reach);
             }
-            Action::Curve(curve) => settings.display.curve = curve,
-            Action::NextCurve => settings.display.curve = next(&Curve::ALL, settings.display.curve),
-            Action::Clipping => settings.display.clipping = !settings.display.clipping,
-            Action::Dither => settings.display.dither = !settings.display.dither,
+            Action::Curve(curve) => preferences.display.curve = curve,
+            Action::NextCurve => preferences.display.curve = next(&Curve::ALL, preferences.display.curve),
+            Action::Clipping => preferences.display.clipping = !preferences.display.clipping,
+            Action::Dither => preferences.display.dither = !preferences.display.dither,
             Action::WidenDifference(by) => {
-                let range = settings.display.difference * by;
+                let range = preferences.display.difference * by;
                 return self.apply(Action::Difference(range), reach);
             }
-            Action::Difference(l) if l.is_finite() => settings.display.difference = l.clamp(0.001, 1.0),
+            Action::Difference(l) if l.is_finite() => preferences.display.difference = l.clamp(0.001, 1.0),
             Action::Arrange(arrangement) => {
-                settings.arrangement = arrangement;
+                preferences.arrangement = arrangement;
                 self.pane = self.pane.min(arrangement.panes() - 1);
             }
             Action::NextArrangement => {
-                let arrangement = next(&Arrangement::ALL, settings.arrangement);
+                let arrangement = next(&Arrangement::ALL, preferences.arrangement);
                 return self.apply(Action::Arrange(arrangement), reach);
             }
             Action::Show(pane, picture) => {
-                if let Some(shown) = settings.pictures_mut().get_mut(pane) {
+                if let Some(shown) = preferences.pictures_mut().get_mut(pane) {
                     *shown = picture;
                     self.pane = pane;
                 }
             }
             Action::ShowHere(picture) => return self.apply(Action::Show(self.pane, picture), reach),
-            Action::NextPane => self.pane = (self.pane + 1) % settings.arrangement.panes(),
-            Action::Divider(at) if at.is_finite() => settings.divider = at.clamp(0.0, 1.0),
+            Action::NextPane => self.pane = (self.pane + 1) % preferences.arrangement.panes(),
+            Action::Divider(at) if at.is_finite() => preferences.divider = at.clamp(0.0, 1.0),
             Action::MoveDivider(by) => {
-                let at = settings.divider + by;
+                let at = preferences.divider + by;
                 return self.apply(Action::Divider(at), reach);
             }
             Action::Fit => self.look = Look::default(),
@@ -158,15 +158,15 @@ impl State {
                 if self.picks.len() > MOST_PICKS {
                     self.picks.remove(0);
                 }
-                settings.series |= !self.picks.is_empty();
+                preferences.series |= !self.picks.is_empty();
             }
             Action::Unpick => self.picks.clear(),
-            Action::Overlay => settings.overlay = !settings.overlay,
-            Action::Dials => settings.dials = !settings.dials,
-            Action::Series => settings.series = !settings.series,
+            Action::Overlay => preferences.overlay = !preferences.overlay,
+            Action::Dials => preferences.dials = !preferences.dials,
+            Action::Series => preferences.series = !preferences.series,
             Action::Help => self.help = !self.help,
             Action::NextTheme => {
-                settings.theme = next(&[Theme::System, Theme::Dark, Theme::Light], settings.theme);
+                preferences.theme = next(&[Theme::System, Theme::Dark, Theme::Light], preferences.theme);
             }
             Action::RangeFrom => {
                 let frame = self.clock.frame();
@@ -184,34 +184,34 @@ impl State {
                 return Some(Effect::Record([self.range[0].unwrap_or(first), self.range[1].unwrap_or(last)]));
             }
             Action::Copy => return Some(Effect::Copy),
-            Action::Tune(dials) => {
-                if dials != self.dials {
-                    self.dials = dials.clone();
-                    return Some(Effect::Tune(dials, self.clock.frame()));
+            Action::Tune(settings) => {
+                if settings != self.settings {
+                    self.settings = settings.clone();
+                    return Some(Effect::Tune(settings, self.clock.frame()));
                 }
             }
             Action::NextNet => {
-                let at = self.nets.iter().position(|net| *net == self.dials.weights);
+                let at = self.nets.iter().position(|net| *net == self.settings.weights);
                 let next = self.nets.get(at.map_or(0, |at| (at + 1) % self.nets.len())).cloned();
-                let weights = next.unwrap_or_else(|| self.dials.weights.clone());
-                return self.apply(Action::Tune(Dials { weights, ..self.dials.clone() }), reach);
+                let weights = next.unwrap_or_else(|| self.settings.weights.clone());
+                return self.apply(Action::Tune(Settings { weights, ..self.settings.clone() }), reach);
             }
             Action::NextExecutor => {
-                let executor = next(&EXECUTORS, self.dials.executor);
-                return self.apply(Action::Tune(Dials { executor, ..self.dials.clone() }), reach);
+                let executor = next(&EXECUTORS, self.settings.executor);
+                return self.apply(Action::Tune(Settings { executor, ..self.settings.clone() }), reach);
             }
             Action::NextPrecision => {
-                let precision = next(&PRECISIONS, self.dials.precision);
-                return self.apply(Action::Tune(Dials { precision, ..self.dials.clone() }), reach);
+                let precision = next(&PRECISIONS, self.settings.precision);
+                return self.apply(Action::Tune(Settings { precision, ..self.settings.clone() }), reach);
             }
             Action::NextSkip => {
-                let skip = next(&skips(self.dials.skip), self.dials.skip);
-                return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+                let skip = next(&skips(self.settings.skip), self.settings.skip);
+                return self.apply(Action::Tune(Settings { skip, ..self.settings.clone() }), reach);
             }
             Action::AllowMore(by) => {
-                if let Skip::Bounded(error) = self.dials.skip {
+                if let Skip::Bounded(error) = self.settings.skip {
                     let skip = Skip::Bounded((error * by).clamp(ALLOWED_ERRORS[0], ALLOWED_ERRORS[1]));
-                    return self.apply(Action::Tune(Dials { skip, ..self.dials.clone() }), reach);
+                    return self.apply(Action::Tune(Settings { skip, ..self.settings.clone() }), reach);
                 }
             }
             Action::Open(source) => {
@@ -233,7 +233,7 @@ impl State {
     fn set_rate(&mut self, rate: f64) {
         if rate.is_finite() {
             self.clock.rate = rate.clamp(RATE_RANGE[0], RATE_RANGE[1]);
-            self.settings.rate = self.clock.rate;
+            self.preferences.rate = self.clock.rate;
         }
     }
 }
@@ -254,21 +254,21 @@ mod tests {
     use pix2hdr::sensor::Pattern;
     use pix2hdr::synth;
 
-    fn dials() -> Dials {
-        Dials {
+    fn settings() -> Settings {
+        Settings {
             weights: "fast".into(),
             executor: synth::ExecutorChoice::Cpu,
             adapter: None,
             precision: Precision::F32,
             skip: Skip::Off,
-            side: None,
+            tile: None,
             hop: None,
             ensemble: 1,
         }
     }
 
     fn state() -> State {
-        State::new(Settings::default(), dials())
+        State::new(Preferences::default(), settings())
     }
 
     const FILE: Reach = Reach { span: Some([0, 40]), frames: Some(100), burst: 8 };
@@ -288,14 +288,14 @@ mod tests {
     fn each_arrangement_keeps_its_pictures() {
         let mut state = state();
         state.apply(Action::Show(3, Picture::Difference), FILE);
-        assert_eq!((state.settings.pictures()[3], state.pane), (Picture::Difference, 3));
+        assert_eq!((state.preferences.pictures()[3], state.pane), (Picture::Difference, 3));
         state.apply(Action::Arrange(Arrangement::Divider), FILE);
-        assert_eq!((state.settings.pictures(), state.pane), (&[Picture::Mosaic, Picture::Ours][..], 1));
+        assert_eq!((state.preferences.pictures(), state.pane), (&[Picture::Mosaic, Picture::Ours][..], 1));
         state.apply(Action::ShowHere(Picture::Truth), FILE);
         state.apply(Action::Show(7, Picture::Truth), FILE);
-        assert_eq!(state.settings.pictures(), [Picture::Mosaic, Picture::Truth]);
+        assert_eq!(state.preferences.pictures(), [Picture::Mosaic, Picture::Truth]);
         state.apply(Action::Arrange(Arrangement::Four), FILE);
-        assert_eq!(state.settings.pictures()[3], Picture::Difference);
+        assert_eq!(state.preferences.pictures()[3], Picture::Difference);
         (0..4).for_each(|_| drop(state.apply(Action::NextPane, FILE)));
         assert_eq!(state.pane, 1);
     }
@@ -314,7 +314,7 @@ mod tests {
         ] {
             state.apply(action, FILE);
         }
-        let Settings { display, divider, rate, .. } = &state.settings;
+        let Preferences { display, divider, rate, .. } = &state.preferences;
         assert_eq!((display.exposure, *divider, *rate, display.difference), (16.0, 1.0, 10_000.0, 0.001));
     }
 
@@ -325,7 +325,7 @@ mod tests {
             state.apply(Action::Pick([i, i]), FILE);
         }
         assert_eq!(state.picks, [[2, 2], [3, 3], [4, 4], [5, 5]]);
-        assert!(state.settings.series);
+        assert!(state.preferences.series);
         state.apply(Action::Pick([3, 3]), FILE);
         assert_eq!(state.picks.len(), 3);
         state.apply(Action::Unpick, FILE);
@@ -357,23 +357,23 @@ mod tests {
         for (action, round) in rounds.into_iter().chain([(Action::NextSkip, 3)]) {
             for turn in 1..=round {
                 let effect = state.apply(action.clone(), FILE);
-                assert_eq!(effect, Some(Effect::Tune(state.dials.clone(), 0)), "{action:?}");
-                assert_eq!(state.dials == dials(), turn == round, "{action:?} {turn}");
+                assert_eq!(effect, Some(Effect::Tune(state.settings.clone(), 0)), "{action:?}");
+                assert_eq!(state.settings == settings(), turn == round, "{action:?} {turn}");
             }
         }
         assert_eq!(state.apply(Action::AllowMore(2.0), FILE), None);
-        state.apply(Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() }), FILE);
+        state.apply(Action::Tune(Settings { skip: Skip::Bounded(0.002), ..settings() }), FILE);
         state.apply(Action::AllowMore(2.0), FILE);
-        assert_eq!(state.dials.skip, Skip::Bounded(0.004));
+        assert_eq!(state.settings.skip, Skip::Bounded(0.004));
         state.apply(Action::AllowMore(1e9), FILE);
-        assert_eq!(state.dials.skip, Skip::Bounded(ALLOWED_ERRORS[1]));
+        assert_eq!(state.settings.skip, Skip::Bounded(ALLOWED_ERRORS[1]));
     }
 
     #[test]
     fn only_new_dials_disturb_the_engine() {
         let mut state = state();
-        assert_eq!(state.apply(Action::Tune(dials()), FILE), None);
-        let other = Dials { skip: Skip::Exact, ..dials() };
+        assert_eq!(state.apply(Action::Tune(settings()), FILE), None);
+        let other = Settings { skip: Skip::Exact, ..settings() };
         state.apply(Action::GoTo(7), FILE);
         assert_eq!(state.apply(Action::Tune(other.clone()), FILE), Some(Effect::Tune(other, 7)));
     }
@@ -382,17 +382,17 @@ mod tests {
     fn settings_come_back_and_broken_ones_do_not_matter() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/view.json");
-        assert_eq!(Settings::read(&path), Settings::default());
+        assert_eq!(Preferences::read(&path), Preferences::default());
         let mut state = state();
         state.apply(Action::Arrange(Arrangement::Divider), FILE);
         state.apply(Action::NextCurve, FILE);
         state.apply(Action::Rate(240.0), FILE);
-        state.settings.write(&path).unwrap();
-        assert_eq!(Settings::read(&path), state.settings);
+        state.preferences.write(&path).unwrap();
+        assert_eq!(Preferences::read(&path), state.preferences);
         std::fs::write(&path, r#"{"divider": 1e30, "rate": -4, "unknown": 1}"#).unwrap();
-        let read = Settings::read(&path);
+        let read = Preferences::read(&path);
         assert_eq!((read.divider, read.rate), (1.0, 0.1));
         std::fs::write(&path, "{").unwrap();
-        assert_eq!(Settings::read(&path), Settings::default());
+        assert_eq!(Preferences::read(&path), Preferences::default());
     }
 }

@@ -52,13 +52,13 @@ pub fn run(start: Start) -> Result<Pace> {
     if let Some(problem) = no_display() {
         return Err(no_window(&problem));
     }
-    let shared = start.shared_gpu(&start.dials)?;
+    let shared = start.shared_gpu(&start.settings)?;
     let mut viewer = Viewer::new(start, begun, shared);
     for _ in 0..=REOPENINGS {
         viewer = open_window(viewer)?;
         let Some(problem) = viewer.lost() else { return Ok(viewer.pace()) };
         tracing::warn!("{problem}; the window is opened anew");
-        let shared = viewer.start.shared_gpu(&viewer.state.dials).unwrap_or_else(|error| {
+        let shared = viewer.start.shared_gpu(&viewer.state.settings).unwrap_or_else(|error| {
             tracing::warn!("no GPU is shared any more: {error}");
             None
         });
@@ -75,7 +75,7 @@ fn open_window(viewer: Viewer) -> Result<Viewer> {
     let viewport = egui::ViewportBuilder::default()
         .with_title(format!("pix2hdr: {}", viewer.start.source))
         .with_app_id("pix2hdr")
-        .with_inner_size(viewer.state.settings.window)
+        .with_inner_size(viewer.state.preferences.window)
         .with_min_inner_size([200.0, 150.0])
         .with_drag_and_drop(true);
     // Pictures are dithered by themselves; the rest has no gradients.

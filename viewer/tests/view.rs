@@ -14,13 +14,13 @@ use pix2hdr::gpu::{AdapterChoice, Gpu};
 use pix2hdr::network::Precision;
 use pix2hdr::scene::{Rendering, Speed, procedural, render};
 use pix2hdr::sensor::{Capture, Form, Pattern, Sampler, Timing};
-use pix2hdr::synth::{Backend, ExecutorChoice as Executor, Skip, Synthesizer};
+use pix2hdr::synth::{Backend, ExecutorChoice as Executor, Settings, Skip, Synthesizer};
 use pix2hdr::video::{self, Video, Writing};
 use pix2hdr_viewer::action::Action;
 use pix2hdr_viewer::clock::Reach;
-use pix2hdr_viewer::engine::{Dials, Engine, Phase, Status};
+use pix2hdr_viewer::engine::{Engine, Phase, Status};
 use pix2hdr_viewer::picture::Picture;
-use pix2hdr_viewer::settings::{Arrangement, Settings};
+use pix2hdr_viewer::preferences::{Arrangement, Preferences};
 use pix2hdr_viewer::source::{Opening, SourceName};
 use pix2hdr_viewer::tone::Curve;
 use pix2hdr_viewer::{Start, Viewer, WindowDevice};
@@ -45,14 +45,14 @@ fn opening() -> Opening {
     }
 }
 
-fn dials() -> Dials {
-    Dials {
+fn settings() -> Settings {
+    Settings {
         weights: "fast".into(),
         executor: Executor::Cpu,
         adapter: None,
         precision: Precision::F32,
         skip: Skip::Off,
-        side: None,
+        tile: None,
         hop: None,
         ensemble: 1,
     }
@@ -72,14 +72,8 @@ fn capture(folder: &Path, frames: usize) -> (PathBuf, Capture, Video) {
     let capture = sampler().sample(&scene(frames)).unwrap();
     capture.write(folder.join("capture")).unwrap();
     let model = pix2hdr::network::Model::load("fast").unwrap();
-    let mut synthesizer = Synthesizer::new(
-        &model,
-        capture.calibration(),
-        EXTENT,
-        &Backend::Cpu,
-        &pix2hdr::synth::Settings::default(),
-    )
-    .unwrap();
+    let mut synthesizer =
+        Synthesizer::new(&model, capture.calibration(), EXTENT, &Backend::Cpu, &Settings::default()).unwrap();
     let (result, _) = synthesizer.video(&capture).unwrap();
     (folder.join("capture"), capture, result)
 }
@@ -111,7 +105,7 @@ fn a_file_is_shown_to_the_bit_and_none_is_lost() {
     let (path, capture, result) = capture(folder.path(), frames);
     let measurement = capture.measurement();
     // Room for the least number of frames: most of them have to wait.
-    let engine = Engine::start(opening(), SourceName::Path(path), dials(), 1);
+    let engine = Engine::start(opening(), SourceName::Path(path), settings(), 1);
     let check = |number: usize| {
         engine.store.move_to(number);
         let frame = wait("a frame", || {
@@ -137,7 +131,7 @@ fn a_file_is_shown_to_the_bit_and_none_is_lost() {
 /// order, and what is shown stays near the camera.
 #[test]
 fn a_live_camera_drops_frames_and_counts_them() {
-    let engine = Engine::start(opening(), SourceName::Scene("fan".into()), dials(), 1 << 20);
+    let engine = Engine::start(opening(), SourceName::Scene("fan".into()), settings(), 1 << 20);
     wait("the engine", || (engine.status().phase == Phase::Running).then_some(()));
     engine.clock.set_rate(200_000.0, Instant::now());
     wait("drops", || {
@@ -167,7 +161,7 @@ fn a_live_camera_drops_frames_and_counts_them() {
 /// At a pace that can be followed nothing is dropped, and each frame has its truth.
 #[test]
 fn a_slow_live_camera_drops_nothing() {
-    let engine = Engine::start(opening(), SourceName::Scene("leds".into()), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Scene("leds".into()), settings(), 1 << 24);
     wait("the engine", || (engine.status().phase == Phase::Running).then_some(()));
     engine.clock.set_rate(40.0, Instant::now());
     wait("frames", || engine.store.span().filter(|[_, last]| *last >= 20));
@@ -182,18 +176,18 @@ fn a_slow_live_camera_drops_nothing() {
 fn dials_respond_and_a_refusal_can_be_undone() {
     let folder = tempfile::tempdir().unwrap();
     let (path, _, result) = capture(folder.path(), 40);
-    let engine = Engine::start(opening(), SourceName::Path(path), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(path), settings(), 1 << 24);
     wait("a frame", || engine.store.at(0));
-    engine.tune(Dials { skip: Skip::Bounded(0.002), ..dials() }, 5);
+    engine.tune(Settings { skip: Skip::Bounded(0.002), ..settings() }, 5);
     let frame =
         wait("a frame with cells", || engine.store.at_or_after(5).filter(|frame| frame.computed.is_some()));
     assert_eq!(frame.number, 5);
-    engine.tune(Dials { precision: Precision::F16, ..dials() }, 7);
+    engine.tune(Settings { precision: Precision::F16, ..settings() }, 7);
     let problem = wait("a refusal", || failure(&engine.status()));
     assert!(problem.contains("f16") && !problem.contains('\n'), "{problem}");
-    engine.tune(Dials { weights: "no such net".into(), ..dials() }, 7);
+    engine.tune(Settings { weights: "no such net".into(), ..settings() }, 7);
     wait("a refusal", || failure(&engine.status()).filter(|problem| problem.contains("no such net")));
-    engine.tune(dials(), 7);
+    engine.tune(settings(), 7);
     let frame = wait("a frame", || engine.store.at(7).filter(|frame| frame.number == 7));
     assert_eq!(frame.ours.as_deref(), Some(result.frame(7)));
 }
@@ -209,7 +203,7 @@ fn bad_sources_are_named_and_odd_sizes_are_shown() {
     std::fs::create_dir(path("empty")).unwrap();
     let (good, ..) = capture(folder.path(), 20);
     std::fs::copy(good.join("capture.npy"), path("bare.npy")).unwrap();
-    let engine = Engine::start(opening(), SourceName::Path(path("missing")), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(path("missing")), settings(), 1 << 24);
     wait("a refusal", || failure(&engine.status()).filter(|p| p.contains("missing") && p.contains("fan")));
     // Of a bare array, what is missing is named.
     for (name, named) in [
@@ -251,7 +245,7 @@ fn a_source_that_goes_away_is_named() {
     let [height, width] = EXTENT;
     let grey = Video::new(2000, height, width, vec![0.25; 2000 * height * width]).unwrap();
     sampler().sample(&grey).unwrap().write(&path).unwrap();
-    let engine = Engine::start(opening(), SourceName::Path(path.clone()), dials(), 1);
+    let engine = Engine::start(opening(), SourceName::Path(path.clone()), settings(), 1);
     let shown = wait("a frame", || engine.store.at(0));
     let array = std::fs::OpenOptions::new().write(true).open(path.join("capture.npy")).unwrap();
     array.set_len(array.metadata().unwrap().len() / 4).unwrap();
@@ -275,7 +269,7 @@ fn a_source_that_goes_away_is_named() {
 fn a_live_camera_shows_what_it_sees_before_there_is_a_result() {
     // Large enough for the first window to take a while.
     let large = Opening { extent: [192, 192], ..opening() };
-    let engine = Engine::start(large, SourceName::Scene("fan".into()), dials(), 1 << 24);
+    let engine = Engine::start(large, SourceName::Scene("fan".into()), settings(), 1 << 24);
     let status = wait("frames of the camera", || {
         let status = engine.status();
         assert_eq!(status.frames, 0, "the test is too slow to see them");
@@ -300,14 +294,14 @@ fn captures_that_hold_have_their_truth_and_videos_can_be_plain() {
     let video = folder.path().join("truth.npy");
     video::write(&video, &truth, Writing { half: false, ..Writing::default() }).unwrap();
     let with_truth = Opening { truth: Some(video.clone()), ..opening() };
-    let engine = Engine::start(with_truth, SourceName::Path(folder.path().join("held")), dials(), 1 << 24);
+    let engine = Engine::start(with_truth, SourceName::Path(folder.path().join("held")), settings(), 1 << 24);
     let frame = wait("a frame", || {
         assert_eq!(failure(&engine.status()), None);
         engine.store.at(12).filter(|frame| frame.number == 12)
     });
     assert_eq!(frame.truth.as_deref(), Some(truth.frame(12)));
     let plain =
-        Engine::start(Opening { plain: true, ..opening() }, SourceName::Path(video), dials(), 1 << 24);
+        Engine::start(Opening { plain: true, ..opening() }, SourceName::Path(video), settings(), 1 << 24);
     let frame = wait("a frame", || plain.store.at(29).filter(|frame| frame.number == 29));
     assert_eq!(frame.ours.as_deref(), Some(truth.frame(29)));
     assert!(frame.mosaic.is_none() && frame.truth.is_none());
@@ -320,12 +314,12 @@ fn a_bare_array_is_a_capture_if_its_pattern_is_named() {
     let (path, capture, _) = capture(folder.path(), 40);
     let bare = folder.path().join("bare.npy");
     std::fs::copy(path.join("capture.npy"), &bare).unwrap();
-    let engine = Engine::start(opening(), SourceName::Path(bare.clone()), dials(), 1 << 24);
+    let engine = Engine::start(opening(), SourceName::Path(bare.clone()), settings(), 1 << 24);
     let problem = wait("a message", || failure(&engine.status()));
     assert!(problem.contains("bare.json") && problem.contains("--pattern"), "{problem}");
     let keys = serde_json::json!({ "pattern": "mpve-1-4", "bit_depth": 10 });
     let named = Opening { keys: keys.as_object().unwrap().clone(), ..opening() };
-    let engine = Engine::start(named, SourceName::Path(bare), dials(), 1 << 24);
+    let engine = Engine::start(named, SourceName::Path(bare), settings(), 1 << 24);
     let frame = wait("a frame", || {
         assert_eq!(failure(&engine.status()), None);
         engine.store.at(12).filter(|frame| frame.number == 12)
@@ -399,14 +393,14 @@ struct Interface {
 
 impl Interface {
     fn new(size: [f32; 2], frames: usize) -> Self {
-        Self::with(size, frames, dials(), None, None)
+        Self::with(size, frames, settings(), None, None)
     }
 
-    /// An interface that a device draws; where it is `shared`, the dials' executor may compute there.
+    /// An interface that a device draws; where it is `shared`, the settings' executor may compute there.
     fn with(
         size: [f32; 2],
         frames: usize,
-        dials: Dials,
+        settings: Settings,
         state: Option<RenderState>,
         shared: Option<Gpu>,
     ) -> Self {
@@ -416,9 +410,9 @@ impl Interface {
         let start = Start {
             source: SourceName::Path(truth),
             opening: opening(),
-            dials,
+            settings,
             out: folder.path().join("out"),
-            settings: Some(folder.path().join("view.json")),
+            preferences: Some(folder.path().join("view.json")),
             rate: Some(1.0),
             seconds: None,
             device: WindowDevice::Auto,
@@ -460,8 +454,8 @@ impl Interface {
         self.harness.run_steps(3);
     }
 
-    fn settings(&self) -> &Settings {
-        &self.harness.state().state.settings
+    fn preferences(&self) -> &Preferences {
+        &self.harness.state().state.preferences
     }
 }
 
@@ -478,19 +472,19 @@ fn buttons_and_keys_change_the_state() {
     interface.press(Modifiers::NONE, Key::ArrowLeft);
     interface.until("frame 10", |viewer| viewer.shown().is_some_and(|frame| frame.number == 10));
     interface.click("A|B");
-    assert_eq!(interface.settings().arrangement, Arrangement::Divider);
+    assert_eq!(interface.preferences().arrangement, Arrangement::Divider);
     interface.press(Modifiers::NONE, Key::CloseBracket);
-    assert!((interface.settings().divider - 0.52).abs() < 1e-5);
+    assert!((interface.preferences().divider - 0.52).abs() < 1e-5);
     interface.press(Modifiers::NONE, Key::Num6);
-    assert_eq!(interface.settings().pair[0], Picture::Difference);
+    assert_eq!(interface.preferences().pair[0], Picture::Difference);
     interface.press(Modifiers::NONE, Key::E);
     interface.press(Modifiers::NONE, Key::T);
     assert_eq!(
-        (interface.settings().display.exposure, interface.settings().display.curve),
+        (interface.preferences().display.exposure, interface.preferences().display.curve),
         (0.5, Curve::Reinhard)
     );
     interface.click("clipping");
-    assert!(interface.settings().display.clipping);
+    assert!(interface.preferences().display.clipping);
     interface.press(Modifiers::NONE, Key::X);
     assert_eq!(interface.harness.state().state.picks.len(), 1);
     interface.press(Modifiers::NONE, Key::H);
@@ -543,9 +537,9 @@ fn frames_and_ranges_are_written_and_settings_remembered() {
     interface.until("files", |_| files.iter().all(|file| file.exists()));
     assert_eq!(video::read(&files[2]).unwrap().frames, 24);
     interface.press(Modifiers::NONE, Key::V);
-    let (settings, path) = (interface.settings().clone(), interface.folder.path().join("view.json"));
+    let (preferences, path) = (interface.preferences().clone(), interface.folder.path().join("view.json"));
     drop(interface.harness);
-    assert_eq!(Settings::read(&path), settings);
+    assert_eq!(Preferences::read(&path), preferences);
 }
 
 const ALL: Reach = Reach { span: Some([0, 23]), frames: Some(24), burst: 8 };
@@ -563,7 +557,7 @@ fn look(interface: &mut Interface, actions: &[Action]) {
 /// A window on the device that synthesises shows what one on a device of its own does, without results in main memory.
 #[test]
 fn a_window_on_the_device_that_synthesises_shows_the_same() {
-    let on_gpu = Dials { weights: "tiny".into(), executor: Executor::Gpu, ..dials() };
+    let on_gpu = Settings { weights: "tiny".into(), executor: Executor::Gpu, ..settings() };
     let shared = gpu().shared();
     let state = Some(render_state(&shared));
     let mut interface = Interface::with([700.0, 500.0], 24, on_gpu.clone(), state, Some(shared.clone()));
@@ -585,7 +579,7 @@ fn a_window_on_the_device_that_synthesises_shows_the_same() {
     // What is put together in main memory is drawn from there.
     interface.harness.key_press(Key::Z);
     interface.harness.run_steps(2);
-    assert_ne!(interface.harness.state().state.dials.skip, Skip::Off);
+    assert_ne!(interface.harness.state().state.settings.skip, Skip::Off);
     interface.until("a frame from main memory", |viewer| {
         viewer.shown().is_some_and(|frame| frame.number >= 12 && frame.on_gpu.is_none())
     });
@@ -594,7 +588,7 @@ fn a_window_on_the_device_that_synthesises_shows_the_same() {
 /// The device that draws and synthesises goes: the window is closed, and the next one shows results again.
 #[test]
 fn a_window_whose_device_is_lost_is_opened_anew() {
-    let on_gpu = Dials { weights: "tiny".into(), executor: Executor::Gpu, ..dials() };
+    let on_gpu = Settings { weights: "tiny".into(), executor: Executor::Gpu, ..settings() };
     let lost = gpu().shared();
     let mut interface =
         Interface::with([700.0, 500.0], 24, on_gpu, Some(render_state(&lost)), Some(lost.clone()));
@@ -651,7 +645,7 @@ fn check_image(interface: &Interface, name: &str) {
 #[test]
 fn the_main_views_look_as_they_did() {
     let state = Some(render_state(&gpu()));
-    let mut interface = Interface::with([860.0, 560.0], 24, dials(), state, None);
+    let mut interface = Interface::with([860.0, 560.0], 24, settings(), state, None);
     interface.until("all frames", |viewer| viewer.status().phase == Phase::Finished);
     look(&mut interface, &[Action::Dials]);
     check_image(&interface, "four-panes");
@@ -729,7 +723,7 @@ fn the_main_panels_are_laid_out_as_they_were() {
     };
     check("panes-and-dials", &[Action::Play, Action::GoTo(12)]);
     let difference = Action::Show(1, Picture::Difference);
-    let skip = Action::Tune(Dials { skip: Skip::Bounded(0.002), ..dials() });
+    let skip = Action::Tune(Settings { skip: Skip::Bounded(0.002), ..settings() });
     check("divider", &[Action::Arrange(Arrangement::Divider), difference, skip]);
     check("keys", &[Action::Help, Action::Dials]);
 }
@@ -763,6 +757,6 @@ fn the_interface_goes_on_while_the_engine_is_stuck() {
     interface.press(Modifiers::NONE, Key::End);
     assert!(interface.harness.state().shown().is_some());
     interface.press(Modifiers::NONE, Key::C);
-    assert!(interface.settings().display.clipping);
+    assert!(interface.preferences().display.clipping);
     interface.until("the end", |viewer| viewer.shown().is_some_and(|frame| frame.number == 399));
 }

@@ -3,10 +3,10 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-use super::dials::Dials;
 use crate::lock::lock;
 use crate::source::SourceName;
 use pix2hdr::gpu::Gpu;
+use pix2hdr::synth::Settings;
 
 /// What was asked for and not done yet.
 #[derive(Debug, Default)]
@@ -14,7 +14,7 @@ pub(super) struct Letters {
     /// A source to open.
     pub(super) open: Option<SourceName>,
     /// How to synthesise from now on.
-    pub(super) dials: Option<Dials>,
+    pub(super) settings: Option<Settings>,
     /// The frame of a file to go on from.
     pub(super) seek: Option<usize>,
     /// The GPU that draws the window, if it may synthesise too, and whether it is another one now.
@@ -28,7 +28,7 @@ pub(super) struct Letters {
 
 impl Letters {
     fn is_empty(&self) -> bool {
-        self.open.is_none() && self.dials.is_none() && self.seek.is_none() && !self.exchanged && !self.quit
+        self.open.is_none() && self.settings.is_none() && self.seek.is_none() && !self.exchanged && !self.quit
     }
 }
 

@@ -3,7 +3,6 @@
 
 mod arrival;
 mod delivery;
-mod dials;
 mod mailbox;
 mod status;
 mod worker;
@@ -21,8 +20,8 @@ use crate::lock::lock;
 use crate::source::{Opening, SourceName};
 use crate::store::Store;
 use pix2hdr::gpu::Gpu;
+use pix2hdr::synth::Settings;
 
-pub use dials::Dials;
 pub use status::{About, HISTORY, Phase, Status};
 
 /// How long a viewer that is closed waits for the engine.
@@ -42,16 +41,16 @@ pub struct Engine {
 
 impl Engine {
     /// Starts the thread, which opens `source`. Frames take at most `bytes` bytes.
-    pub fn start(opening: Opening, source: SourceName, dials: Dials, bytes: usize) -> Self {
-        Self::with(opening, source, dials, bytes, None)
+    pub fn start(opening: Opening, source: SourceName, settings: Settings, bytes: usize) -> Self {
+        Self::with(opening, source, settings, bytes, None)
     }
 
-    /// As [`Engine::start`]. Where the dials ask for what `shared` is, that computes, and results stay on it for the
+    /// As [`Engine::start`]. Where the settings ask for what `shared` is, that computes, and results stay on it for the
     /// window that it draws.
     pub fn with(
         opening: Opening,
         source: SourceName,
-        dials: Dials,
+        settings: Settings,
         bytes: usize,
         shared: Option<Gpu>,
     ) -> Self {
@@ -69,7 +68,7 @@ impl Engine {
         // A scene stays on the thread that opened it, so the worker is made there.
         let work = {
             let mailbox = Arc::clone(&mailbox);
-            move || Worker::work(visible, mailbox, opening, dials, shared)
+            move || Worker::work(visible, mailbox, opening, settings, shared)
         };
         let thread = std::thread::Builder::new().name("engine".into()).spawn(work);
         if let Err(error) = &thread {
@@ -113,10 +112,10 @@ impl Engine {
         });
     }
 
-    /// Changes the dials, and goes on from frame `at` of a file.
-    pub fn tune(&self, dials: Dials, at: usize) {
+    /// Changes the settings, and goes on from frame `at` of a file.
+    pub fn tune(&self, settings: Settings, at: usize) {
         self.ask(|letters| {
-            letters.dials = Some(dials);
+            letters.settings = Some(settings);
             letters.seek = Some(at);
         });
     }

@@ -8,7 +8,6 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::arrival::Arrival;
 use super::delivery::{Delivery, Overheard, Passing, Pending};
-use super::dials::Dials;
 use super::mailbox::Mailbox;
 use super::status::{About, Phase, Status};
 use crate::camera::{LiveCamera, LiveRun, POLICY, Shared};
@@ -21,7 +20,7 @@ use pix2hdr::gpu::{Gpu, GpuError, Results};
 use pix2hdr::network::{Model, Window};
 use pix2hdr::sensor::{CaptureFile, Source};
 use pix2hdr::synth::live::{self, Backlog};
-use pix2hdr::synth::{self, Backend, Skip, Synthesizer, check_fits};
+use pix2hdr::synth::{Backend, Settings, Skip, Synthesizer, check_fits};
 use pix2hdr::video::Video;
 use pix2hdr::{Error, Result};
 
@@ -50,7 +49,7 @@ pub(super) struct Worker {
     /// What renders, samples and filters: in the common pool it would wait behind the net.
     beside: ThreadPool,
     opening: Opening,
-    dials: Dials,
+    settings: Settings,
     name: Option<SourceName>,
     source: Option<Opened>,
     backend: Option<Backend>,
@@ -68,7 +67,7 @@ impl Worker {
         visible: Visible,
         mailbox: Arc<Mailbox>,
         opening: Opening,
-        dials: Dials,
+        settings: Settings,
         shared: Option<Gpu>,
     ) {
         yield_to_the_interface();
@@ -85,9 +84,9 @@ impl Worker {
             mailbox,
             beside,
             opening,
-            backend: shared.clone().map(|gpu| Backend::Gpu(gpu, dials.precision)),
+            backend: shared.clone().map(|gpu| Backend::Gpu(gpu, settings.precision)),
             shared,
-            dials,
+            settings,
             name: None,
             source: None,
             synthesizer: None,
@@ -134,15 +133,16 @@ impl Worker {
         if letters.quit {
             return None;
         }
-        if let Some(dials) = letters.dials.take()
-            && dials != self.dials
+        if let Some(settings) = letters.settings.take()
+            && settings != self.settings
         {
-            let place = |dials: &Dials| (dials.executor, dials.adapter.clone(), dials.precision);
-            if place(&dials) != place(&self.dials) {
+            let place =
+                |settings: &Settings| (settings.executor, settings.adapter.clone(), settings.precision);
+            if place(&settings) != place(&self.settings) {
                 self.backend = None;
             }
             self.synthesizer = None;
-            self.dials = dials;
+            self.settings = settings;
             self.rebuilds = 0;
         }
         if std::mem::take(&mut letters.exchanged) {
@@ -176,9 +176,9 @@ impl Worker {
         outcome
     }
 
-    /// What the dials ask for. If that is the GPU that draws the window, it computes too.
+    /// What the settings ask for. If that is the GPU that draws the window, it computes too.
     fn choose(&self) -> Result<Backend> {
-        let Dials { executor, adapter, precision, .. } = &self.dials;
+        let Settings { executor, adapter, precision, .. } = &self.settings;
         let chosen = Backend::choose(*executor, adapter.as_deref(), *precision)?;
         Ok(match (&chosen, &self.shared) {
             (Backend::Gpu(gpu, precision), Some(shared))
@@ -195,7 +195,7 @@ impl Worker {
     fn keep_results(&self, synthesizer: &Synthesizer) -> Option<Arc<Results>> {
         let Some(Backend::Gpu(gpu, _)) = &self.backend else { return None };
         let results = gpu.results()?;
-        let Dials { skip, ensemble, .. } = self.dials;
+        let Settings { skip, ensemble, .. } = self.settings;
         let whole = skip == Skip::Off && ensemble <= 1 && synthesizer.whole_frames();
         results.begin(whole);
         whole.then(|| Arc::clone(results))
@@ -214,14 +214,13 @@ impl Worker {
             "shown as it is".clone_into(&mut lock(&self.visible.status).executor);
             return Ok(());
         };
-        let mut model = Model::load_for(&self.dials.weights, &recording.sensor_pattern())?;
+        let mut model = Model::load_for(&self.settings.weights, &recording.sensor_pattern())?;
         let warning = check_fits(&model, &recording)?;
-        let &Dials { skip, side, hop, ensemble, .. } = &self.dials;
         let backend = match self.backend.take() {
             Some(backend) => backend,
             None => self.choose()?,
         };
-        if hop.is_none() {
+        if self.settings.hop.is_none() {
             live::shorten(&mut model.graph)?;
         }
         {
@@ -237,10 +236,11 @@ impl Worker {
             status.about.period_ms = recording.info.frame_period_ms;
             status.about.pattern = Some(recording.pattern.name().to_owned());
         }
-        let settings = synth::Settings { tile: side, skip, hop, ensemble, ..synth::Settings::default() };
         let synthesizer = match self.synthesizer.take() {
             Some(synthesizer) => synthesizer,
-            None => Synthesizer::new(&model, recording.calibration(), [height, width], &backend, &settings)?,
+            None => {
+                Synthesizer::new(&model, recording.calibration(), [height, width], &backend, &self.settings)?
+            }
         };
         {
             let mut status = lock(&self.visible.status);

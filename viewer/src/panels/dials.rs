@@ -5,12 +5,12 @@ use eframe::egui::{self, Align2, ComboBox, FontId, Rect, Sense, Slider, Stroke, 
 use crate::action::Action;
 use crate::app::Viewer;
 use crate::choices::{ALLOWED_ERRORS, EXECUTORS, PRECISIONS, skips};
-use crate::engine::Dials;
 use crate::histogram::{BINS, FIRST, histogram};
 use crate::picture::Picture;
-use crate::settings::EXPOSURES;
+use crate::preferences::EXPOSURES;
 use crate::tone::{Curve, STOPS};
 use pix2hdr::network::presets;
+use pix2hdr::synth::Settings;
 use pix2hdr::synth::{self, Skip};
 
 impl Viewer {
@@ -30,7 +30,7 @@ impl Viewer {
     }
 
     fn draw_display(&mut self, ui: &mut Ui) {
-        let display = self.state.settings.display;
+        let display = self.state.preferences.display;
         let mut curve = display.curve;
         ComboBox::from_label("tone curve").selected_text(curve.name()).show_ui(ui, |ui| {
             for other in Curve::ALL {
@@ -59,7 +59,7 @@ impl Viewer {
         });
         if self
             .state
-            .settings
+            .preferences
             .pictures()
             .iter()
             .any(|p| matches!(p, Picture::Difference | Picture::FilteredDifference))
@@ -103,19 +103,19 @@ impl Viewer {
             let align = if stop == -16 { Align2::LEFT_BOTTOM } else { Align2::CENTER_BOTTOM };
             painter.text(pos2(x, rect.bottom()), align, stop, font.clone(), ui.visuals().weak_text_color());
         }
-        let end = place((8.0 * (-self.state.settings.display.exposure - FIRST)).clamp(0.0, BINS as f32));
+        let end = place((8.0 * (-self.state.preferences.display.exposure - FIRST)).clamp(0.0, BINS as f32));
         painter.vline(end, rect.y_range(), Stroke::new(1.0, ui.visuals().warn_fg_color));
     }
 
     fn draw_engine(&mut self, ui: &mut Ui) {
-        let mut dials: Dials = self.state.dials.clone();
+        let mut settings: Settings = self.state.settings.clone();
         ComboBox::from_label("net")
-            .selected_text(short_name(&dials.weights))
+            .selected_text(short_name(&settings.weights))
             .show_ui(ui, |ui| {
                 for net in &self.state.nets {
                     let purpose =
                         presets::by_name(net).map_or_else(|_| net.clone(), |p| p.purpose.to_owned());
-                    ui.selectable_value(&mut dials.weights, net.clone(), short_name(net))
+                    ui.selectable_value(&mut settings.weights, net.clone(), short_name(net))
                         .on_hover_text(purpose);
                 }
             })
@@ -127,10 +127,10 @@ impl Viewer {
             synth::ExecutorChoice::Cpu => "CPU",
         };
         ComboBox::from_label("executor")
-            .selected_text(executor(dials.executor))
+            .selected_text(executor(settings.executor))
             .show_ui(ui, |ui| {
                 for request in EXECUTORS {
-                    ui.selectable_value(&mut dials.executor, request, executor(request));
+                    ui.selectable_value(&mut settings.executor, request, executor(request));
                 }
             })
             .response
@@ -138,26 +138,26 @@ impl Viewer {
                 "auto: a real GPU if there is one, else the CPU. GPU takes software Vulkan too (U)",
             );
         ComboBox::from_label("precision")
-            .selected_text(dials.precision.name())
+            .selected_text(settings.precision.name())
             .show_ui(ui, |ui| {
                 for precision in PRECISIONS {
-                    ui.selectable_value(&mut dials.precision, precision, precision.name());
+                    ui.selectable_value(&mut settings.precision, precision, precision.name());
                 }
             })
             .response
             .on_hover_text("f16 stores feature channels and weights in 16 bits, on a GPU only (Y)");
         ComboBox::from_label("skip")
-            .selected_text(dials.skip.name())
+            .selected_text(settings.skip.name())
             .show_ui(ui, |ui| {
-                for skip in skips(dials.skip) {
-                    ui.selectable_value(&mut dials.skip, skip, skip.name());
+                for skip in skips(settings.skip) {
+                    ui.selectable_value(&mut settings.skip, skip, skip.name());
                 }
             })
             .response
             .on_hover_text(
                 "exact: what gives the same bits is kept; bounded: what noise or the allowed error hides (Z)",
             );
-        if let Skip::Bounded(error) = dials.skip {
+        if let Skip::Bounded(error) = settings.skip {
             let dragged = egui::Id::unique("allowed error");
             let mut error = ui.data(|data| data.get_temp(dragged)).unwrap_or(error);
             let slider = Slider::new(&mut error, ALLOWED_ERRORS[0]..=ALLOWED_ERRORS[1])
@@ -171,17 +171,17 @@ impl Viewer {
                 ui.data_mut(|data| data.insert_temp(dragged, error));
             } else if response.changed() || response.drag_stopped() {
                 ui.data_mut(|data| data.remove::<f64>(dragged));
-                dials.skip = Skip::Bounded(error);
+                settings.skip = Skip::Bounded(error);
             }
         }
-        if dials.skip != Skip::Off {
-            let mut overlay = self.state.settings.overlay;
+        if settings.skip != Skip::Off {
+            let mut overlay = self.state.preferences.overlay;
             if ui.checkbox(&mut overlay, "mark computed cells").on_hover_text("in orange (M)").changed() {
                 self.actions.push(Action::Overlay);
             }
         }
-        if dials != self.state.dials {
-            self.actions.push(Action::Tune(dials));
+        if settings != self.state.settings {
+            self.actions.push(Action::Tune(settings));
         }
     }
 }

@@ -26,11 +26,11 @@ impl Viewer {
         }
         Panel::top("top").frame(frame).show(ui, |ui| self.draw_top(ui));
         Panel::bottom("time").frame(frame).show(ui, |ui| self.draw_time(ui));
-        if self.state.settings.series && size.y > ROOM_FOR_SERIES {
+        if self.state.preferences.series && size.y > ROOM_FOR_SERIES {
             let panel = Panel::bottom("series").frame(frame).resizable(true);
             panel.default_size(170.0).min_size(90.0).show(ui, |ui| self.draw_series(ui));
         }
-        if self.state.settings.dials && size.x > ROOM_FOR_DIALS {
+        if self.state.preferences.dials && size.x > ROOM_FOR_DIALS {
             let panel = Panel::right("dials").frame(frame).resizable(false);
             panel.exact_size(250.0).show(ui, |ui| {
                 ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.draw_dials(ui));

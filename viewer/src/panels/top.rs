@@ -5,7 +5,7 @@ use eframe::egui::{self, ComboBox, ScrollArea, Ui, WidgetInfo};
 use crate::action::Action;
 use crate::app::Viewer;
 use crate::picture::Picture;
-use crate::settings::Arrangement;
+use crate::preferences::Arrangement;
 use crate::source::SourceName;
 use pix2hdr::scene::procedural;
 
@@ -40,12 +40,12 @@ impl Viewer {
                 }
                 ui.separator();
                 for arrangement in Arrangement::ALL {
-                    let chosen = self.state.settings.arrangement == arrangement;
+                    let chosen = self.state.preferences.arrangement == arrangement;
                     if ui.selectable_label(chosen, arrangement.name()).on_hover_text("panes (V)").clicked() {
                         self.actions.push(Action::Arrange(arrangement));
                     }
                 }
-                for i in 0..self.state.settings.pictures().len() {
+                for i in 0..self.state.preferences.pictures().len() {
                     self.choose_picture(ui, i);
                 }
                 ui.separator();
@@ -74,7 +74,7 @@ impl Viewer {
     }
 
     fn choose_picture(&mut self, ui: &mut Ui, i: usize) {
-        let mut picture = self.state.settings.pictures()[i];
+        let mut picture = self.state.preferences.pictures()[i];
         let before = picture;
         let combo = ComboBox::from_id_salt(("picture", i)).width(84.0).selected_text(picture.name());
         let shown = combo.show_ui(ui, |ui| {

@@ -74,7 +74,7 @@ pub enum Theme {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 #[allow(clippy::struct_excessive_bools)] // Switches of an interface.
-pub struct Settings {
+pub struct Preferences {
     /// How panes are arranged.
     pub arrangement: Arrangement,
     /// What one pane shows.
@@ -105,7 +105,7 @@ pub struct Settings {
     pub scale: f32,
 }
 
-impl Default for Settings {
+impl Default for Preferences {
     fn default() -> Self {
         Self {
             arrangement: Arrangement::Four,
@@ -126,12 +126,12 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
-    /// The settings in a file; the defaults if there is none, or none that can be understood.
+impl Preferences {
+    /// The preferences in a file; the defaults if there is none, or none that can be understood.
     pub fn read(path: &Path) -> Self {
         let read = std::fs::read(path).ok();
-        let settings: Option<Self> = read.and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        settings.unwrap_or_default().within_bounds()
+        let preferences: Option<Self> = read.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+        preferences.unwrap_or_default().within_bounds()
     }
 
     /// Where they are kept: the user's folder for configuration.
