@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use crate::baseline::box_filter;
 use crate::job::{InMemory, Job, Outcome, contact_sheet, shown_frames};
-use crate::quality::{Panel, Plot, compare};
+use crate::quality::{Plot, compare};
 use crate::scene::procedural;
 use crate::sensor::{Capture, hold_to_covering};
 use crate::video::{self, Outputs, Video, Writing, check_folder_name};
@@ -91,12 +91,10 @@ impl Demo {
         video::write(add("hdr"), &result, how)?;
         capture.write(add("capture"))?;
         let shown = shown_frames(truth.frames);
-        let panels =
-            |video: &Video| -> Vec<Panel> { shown.iter().map(|&t| Panel::toned(video.plane(t))).collect() };
-        let mosaics: Vec<Vec<f32>> = shown.iter().map(|&t| measurement.frame(t).to_vec()).collect();
-        contact_sheet(&capture.recording(), &shown, &mosaics, panels(&result))
-            .row("truth", panels(&truth))
-            .write(add(PICTURES[0]))?;
+        let frames =
+            |video: &Video| -> Vec<Vec<f32>> { shown.iter().map(|&t| video.frame(t).to_vec()).collect() };
+        let rows: [(&str, &[Vec<f32>]); 2] = [("pix2hdr", &frames(&result)), ("truth", &frames(&truth))];
+        contact_sheet(&capture.recording(), &shown, &frames(&measurement), &rows).write(add(PICTURES[0]))?;
         let pixel = liveliest(&truth);
         Self::time_series(pixel, [&measurement, &filtered, &result, &truth], &covering).write(
             add(PICTURES[1]),

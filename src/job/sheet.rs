@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use super::{Resumable, Sink};
 use crate::Result;
 use crate::baseline::box_filter;
+use crate::cpu::inverse_response;
 use crate::frame::{Extent, Plane};
 use crate::quality::{ContactSheet, Panel};
 use crate::sensor::Recording;
 use crate::synth::{Report, ResultFrame, Skip, Skipped};
-use crate::video::{Video, png};
+use crate::video::{ToneRange, Video, png};
 
 /// Frames on the contact sheet.
 const SHOWN: usize = 6;
@@ -25,26 +26,41 @@ pub fn shown_frames(frames: usize) -> Vec<usize> {
     (0..shown).map(|i| (2 * i + 1) * frames / (2 * shown)).collect()
 }
 
-/// Rows of mosaic, box filter and result; `mosaics` are the pixel values of the frames `shown`.
+/// Rows of mosaic, box filter and `results`, which are named rows of irradiance, all with the same black and white; `mosaics`
+/// are the pixel values of the frames `shown`. Each pixel of a mosaic shows the irradiance that it alone would mean,
+/// R⁻¹(y)/e.
 pub fn contact_sheet(
     recording: &Recording,
     shown: &[usize],
     mosaics: &[Vec<f32>],
-    result: Vec<Panel>,
+    results: &[(&str, &[Vec<f32>])],
 ) -> ContactSheet {
     let (extent, calibration) = (recording.extent(), recording.calibration());
-    let filtered = mosaics.iter().zip(shown).map(|(mosaic, &t)| {
+    let schedule = |t: usize| recording.info.schedule_start + t as i64;
+    let own = |(mosaic, &t): (&Vec<f32>, &usize)| -> Vec<f32> {
+        let exposure = |i: usize| calibration.exposure(schedule(t), i / extent.width, i % extent.width);
+        let irradiance =
+            |(i, y): (usize, &f32)| inverse_response(calibration.inverse_response(), *y) / exposure(i);
+        mosaic.iter().enumerate().map(irradiance).collect()
+    };
+    let filter = |(mosaic, &t): (&Vec<f32>, &usize)| -> Vec<f32> {
         let mut frame = Video::black(1, extent.height, extent.width);
         frame.frame_mut(0).copy_from_slice(mosaic);
-        let filtered = box_filter(&frame, &calibration, recording.info.schedule_start + t as i64);
-        Panel::toned(filtered.plane(0))
-    });
+        box_filter(&frame, &calibration, schedule(t)).data
+    };
+    let measured: Vec<Vec<f32>> = mosaics.iter().zip(shown).map(own).collect();
+    let filtered: Vec<Vec<f32>> = mosaics.iter().zip(shown).map(filter).collect();
+    // The box filter is there for every sheet of the recording, so all sheets of it look alike.
+    let levels = ToneRange::of(filtered.iter().map(Vec::as_slice));
+    let panels = |frames: &[Vec<f32>]| -> Vec<Panel> {
+        frames.iter().map(|frame| Panel::toned(Plane::new(extent, frame), levels)).collect()
+    };
     let heading = |t: &usize| format!("{:.0} ms", *t as f64 * recording.info.frame_period_ms);
-    ContactSheet::new((320 / extent.width.max(1)).clamp(1, 4))
+    let sheet = ContactSheet::new((320 / extent.width.max(1)).clamp(1, 4))
         .columns(shown.iter().map(heading))
-        .row("mosaic", mosaics.iter().map(|mosaic| Panel::linear(Plane::new(extent, mosaic))))
-        .row("box filter", filtered)
-        .row("pix2hdr", result)
+        .row("mosaic", panels(&measured))
+        .row("box filter", panels(&filtered));
+    results.iter().fold(sheet, |sheet, (name, frames)| sheet.row(*name, panels(frames)))
 }
 
 /// Collects what `contact-sheet.png` shows and, where something was skipped, `skipped.png`: the shown frames with what was
@@ -54,9 +70,10 @@ pub struct Sheet {
     recording: Recording,
     shown: Vec<usize>,
     mosaics: Vec<Vec<f32>>,
-    panels: Vec<Panel>,
-    /// Shown frames, and which cells of each were computed.
-    overlay: Vec<(Panel, Vec<bool>)>,
+    /// Irradiance of the shown frames that there are.
+    frames: Vec<Vec<f32>>,
+    /// Which of them is known to have which cells computed.
+    computed: Vec<(usize, Vec<bool>)>,
 }
 
 impl Sheet {
@@ -69,7 +86,7 @@ impl Sheet {
     ) -> Result<Self> {
         let shown = shown_frames(frames);
         let mosaics = shown.iter().copied().map(mosaic).collect::<Result<Vec<_>>>()?;
-        Ok(Self { folder, recording, shown, mosaics, panels: Vec::new(), overlay: Vec::new() })
+        Ok(Self { folder, recording, shown, mosaics, frames: Vec::new(), computed: Vec::new() })
     }
 
     /// The files that come into `folder`.
@@ -82,9 +99,7 @@ impl Sheet {
     pub fn look_back(&mut self, result: &Resumable) -> Result<()> {
         let begun = result.begun();
         for &t in self.shown.iter().filter(|t| **t < begun) {
-            let written = result.written(t)?;
-            self.panels
-                .extend(written.map(|values| Panel::toned(Plane::new(self.recording.extent(), &values))));
+            self.frames.extend(result.written(t)?);
         }
         Ok(())
     }
@@ -96,21 +111,24 @@ impl Sink for Sheet {
 
     fn take(&mut self, result: &ResultFrame) -> Result<()> {
         if self.shown.contains(&result.number) {
-            let panel = Panel::toned(result.frame.plane());
             if let Some((active, slab)) = &result.computed {
-                self.overlay.push((panel.clone(), active.slab(*slab).to_vec()));
+                self.computed.push((self.frames.len(), active.slab(*slab).to_vec()));
             }
-            self.panels.push(panel);
+            self.frames.push(result.frame.values().to_vec());
         }
         Ok(())
     }
 
     fn finish(self, run: &Report) -> Result<Vec<PathBuf>> {
-        let Self { folder, recording, shown, mosaics, panels, overlay } = self;
+        let Self { folder, recording, shown, mosaics, frames, computed } = self;
         let mut files = vec![folder.join(SHEET)];
-        contact_sheet(&recording, &shown, &mosaics, panels).write(&files[0])?;
+        contact_sheet(&recording, &shown, &mosaics, &[("pix2hdr", &frames)]).write(&files[0])?;
         if let Some(skipped) = &run.skipping {
             let path = folder.join(SKIPPED);
+            let levels = ToneRange::of(frames.iter().map(Vec::as_slice));
+            let panel = |i: usize| Panel::toned(Plane::new(recording.extent(), &frames[i]), levels);
+            let overlay: Vec<(Panel, Vec<bool>)> =
+                computed.into_iter().map(|(i, cells)| (panel(i), cells)).collect();
             let (pixels, width) = skip_picture(&overlay, skipped, recording.extent());
             png::write_rgb(&path, &pixels, width)?;
             files.push(path);

@@ -5,8 +5,7 @@ use std::path::Path;
 use super::canvas::{BLACK, Canvas, INK, Surface, WHITE, text_height, text_width};
 use crate::Result;
 use crate::frame::Plane;
-use crate::video::png::tone_byte;
-use crate::video::{Video, VideoError};
+use crate::video::{ToneRange, VideoError};
 
 const SCALE: usize = 2;
 const MARGIN: usize = 12;
@@ -24,16 +23,10 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// A frame of irradiance under the tone curve.
-    pub fn toned(frame: Plane<'_>) -> Self {
-        let pixels = frame.values().iter().map(|&p| tone_byte(p)).collect();
+    /// A frame of irradiance under the tone curve, between black and white.
+    pub fn toned(frame: Plane<'_>, levels: ToneRange) -> Self {
+        let pixels = frame.values().iter().map(|&p| levels.byte(p)).collect();
         Self { width: frame.extent().width, pixels }
-    }
-
-    /// A frame of pixel values in [0, 1], as they are.
-    pub fn linear(frame: Plane<'_>) -> Self {
-        let grey = |y: f32| (255.0 * y.clamp(0.0, 1.0)).round() as u8;
-        Self { width: frame.extent().width, pixels: frame.values().iter().map(|&y| grey(y)).collect() }
     }
 
     fn height(&self) -> usize {
@@ -82,14 +75,6 @@ impl ContactSheet {
     pub fn row(mut self, label: impl Into<String>, panels: impl IntoIterator<Item = Panel>) -> Self {
         self.rows.push((label.into(), panels.into_iter().collect()));
         self
-    }
-
-    /// A row of the given frames of a video of irradiance; frames that it lacks are left out.
-    #[must_use]
-    pub fn video(self, label: impl Into<String>, video: &Video, frames: &[usize]) -> Self {
-        let there = frames.iter().filter(|&&t| t < video.frames);
-        let panels: Vec<Panel> = there.map(|&t| Panel::toned(video.plane(t))).collect();
-        self.row(label, panels)
     }
 
     /// The same sheet with panels half as wide and high.
@@ -189,10 +174,11 @@ mod tests {
 
     #[test]
     fn panels_are_where_they_belong() {
-        let video = Video::new(2, 2, 3, vec![1.0; 12]).unwrap();
-        let dark = Panel::linear(Plane::new([2, 3], &[0.2; 6]));
-        let sheet =
-            ContactSheet::new(20).video("ours", &video, &[0, 1, 7]).row("mosaic", [dark.clone(), dark]);
+        let panel = |p: f32| Panel::toned(Plane::new([2, 3], &[p; 6]), ToneRange::WHOLE);
+        // l(p) = 0.2.
+        let (bright, dark) = (panel(1.0), panel(((0.2 * 5001_f64.ln()).exp_m1() / 5000.0) as f32));
+        let sheet = ContactSheet::new(20).row("ours", [bright.clone(), bright]);
+        let sheet = sheet.row("mosaic", [dark.clone(), dark]);
         let canvas = sheet.columns(["0 ms", "1 ms"]).draw().unwrap();
         let label = 6 * 16 + GAP;
         let heading = 16 + GAP;
@@ -211,7 +197,7 @@ mod tests {
     fn sheets_that_cannot_be_drawn_are_refused() {
         assert!(ContactSheet::new(1).draw().is_err());
         assert!(ContactSheet::new(1).row("empty", []).draw().is_err());
-        let huge = ContactSheet::new(usize::MAX).row("huge", [Panel::linear(Plane::new([2, 2], &[0.0; 4]))]);
+        let huge = ContactSheet::new(usize::MAX).row("huge", [Panel { width: 2, pixels: vec![0; 4] }]);
         assert!(huge.draw().is_err());
         let odd = ContactSheet::new(1).row("odd", [Panel { width: 0, pixels: vec![1, 2] }]);
         assert!(odd.draw().is_ok());

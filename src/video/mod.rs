@@ -14,6 +14,7 @@ mod pixels;
 pub mod png;
 mod preview;
 pub mod radiance;
+mod tone_range;
 mod writer;
 mod writing;
 
@@ -27,5 +28,6 @@ pub use format::{Format, ReadCounts, ReadVideo, WriteCounts, ending};
 pub use outputs::{Outputs, check_folder_name};
 pub(crate) use pixels::{MAX_PIXELS, check_size};
 pub use preview::PreviewWriter;
+pub use tone_range::ToneRange;
 pub use writer::{VideoWriter, write};
 pub use writing::{Writing, check_free};

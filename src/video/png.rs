@@ -4,8 +4,7 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Encoder, EncodingError};
 
-use super::{VideoError, atomic};
-use crate::math::tone;
+use super::{ToneRange, VideoError, atomic};
 use crate::{At, Error, Result};
 
 /// Writes a grey picture [y, x].
@@ -26,7 +25,7 @@ pub fn write_toned(path: impl AsRef<Path>, frame: &[f32], width: usize) -> Resul
 
 /// The grey value of irradiance `p`: 255·l(p), with p clipped to [0, 1].
 pub fn tone_byte(p: f32) -> u8 {
-    (255.0 * tone(f64::from(p).clamp(0.0, 1.0))).round() as u8
+    ToneRange::WHOLE.byte(p)
 }
 
 fn write(path: &Path, bytes: &[u8], width: usize, kind: ColorType) -> Result<()> {

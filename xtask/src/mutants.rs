@@ -21,13 +21,20 @@ struct Mutant {
     test: [&'static str; 2],
 }
 
-const MUTANTS: [Mutant; 30] = [
+const MUTANTS: [Mutant; 31] = [
     Mutant {
         what: "the pixels of an EXR file are put where its display window begins",
         file: "src/video/exr.rs",
         sound: "y as i64 + top",
         faulty: "y as i64 + 0 * top",
         test: ["lib", "video::exr::tests::pixels_lie_at_their_place_in_the_display_window"],
+    },
+    Mutant {
+        what: "the brightest pixel of all says how a contact sheet is exposed",
+        file: "src/video/tone_range.rs",
+        sound: "(CUT * last as f64) as usize",
+        faulty: "(0.0 * CUT * last as f64) as usize",
+        test: ["lib", "video::tone_range::tests::single_pixels_move_no_level"],
     },
     Mutant {
         what: "a link to a source is taken for another file",
