@@ -107,7 +107,7 @@ fn open_window(viewer: Viewer) -> Result<Viewer> {
             }
         }),
     );
-    outcome.map_err(|error| no_window(&error.to_string()))?;
+    outcome.map_err(|error| no_window(&cause(&error)))?;
     back.take().ok_or_else(|| no_window("it was closed before it was open"))
 }
 
@@ -164,9 +164,26 @@ fn answers(_: &str) -> bool {
     true
 }
 
+/// Why a window was not opened, in words that help.
+fn cause(error: &eframe::Error) -> String {
+    use egui_wgpu::WgpuError::{CreateSurfaceError, RequestAdapterError};
+
+    match error {
+        // Without any driver there is no surface either, and no reason why.
+        eframe::Error::Wgpu(CreateSurfaceError(_) | RequestAdapterError(_)) if cfg!(target_os = "linux") => {
+            "no Vulkan driver can draw it: install that of the GPU or, without one, software Vulkan \
+             (mesa-vulkan-drivers on Debian, Ubuntu and Fedora, vulkan-swrast on Arch)"
+                .into()
+        }
+        // What the window's library says begins with where in its source it says it.
+        error => {
+            let text = error.to_string();
+            text.lines().next().unwrap_or_default().rsplit(": ").next().unwrap_or_default().to_owned()
+        }
+    }
+}
+
 fn no_window(problem: &str) -> Error {
-    // What the window's library says begins with where in its source it says it.
-    let problem = problem.lines().next().unwrap_or_default().rsplit(": ").next().unwrap_or_default();
     Error::Usage(format!(
         "cannot open a window: {problem}; without one, `pix2hdr synth` and `pix2hdr demo` write files"
     ))
