@@ -9,7 +9,10 @@ mod svg;
 
 pub use canvas::{Canvas, Colour, Surface};
 pub use contact_sheet::{ContactSheet, Panel};
-pub use measures::{Comparison, Measures, SquaredError, compare, ssim, temporal_contrast};
+pub use measures::{
+    Comparison, Evaluation, Measures, SquaredError, WorstFrame, WorstPatch, compare, evaluate, normalise,
+    ssim, temporal_contrast,
+};
 pub use plot::Plot;
 pub use suite::{Light, Method, Scores, Suite, SuiteReport};
 pub use svg::Svg;

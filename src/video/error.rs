@@ -9,6 +9,11 @@ pub enum VideoError {
     /// The data do not fit the extents.
     #[error("{0}")]
     Shape(String),
+    /// The values are not of a range that can be compared.
+    #[error(
+        "{0}; scale both to irradiance p (1 is where the shortest exposure saturates), or give --normalise, which divides both by the truth's largest value"
+    )]
+    Range(String),
     /// The file is not what its name promises.
     #[error("{0}")]
     Format(String),
