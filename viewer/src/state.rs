@@ -264,6 +264,7 @@ mod tests {
             tile: None,
             hop: None,
             ensemble: 1,
+            accumulate: false,
         }
     }
 

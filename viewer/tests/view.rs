@@ -55,6 +55,7 @@ fn settings() -> Settings {
         tile: None,
         hop: None,
         ensemble: 1,
+        accumulate: false,
     }
 }
 
