@@ -240,7 +240,9 @@ fn the_output_folder_is_removed() {
 /// A picture disappears, as a cleaner of temporary files would do it: the result is not taken for complete.
 #[test]
 fn a_picture_is_removed() {
-    let desk = Desk::new();
+    let mut desk = Desk::new();
+    // Many windows, so that the program is not done before the picture is gone.
+    desk.options = ["--hop", "8"].map(str::to_owned).to_vec();
     let mut child = desk.start("result", &[]);
     // Pictures are written side by side, so a later one says nothing of an earlier one.
     for frame in [2, 5] {
