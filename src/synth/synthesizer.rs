@@ -79,8 +79,8 @@ pub fn check_fits(model: &Model, recording: &Recording) -> Result<Option<String>
 }
 
 impl Synthesizer {
-    /// Makes `model` ready for frames of `extent` that `calibration` says where they lie on the sensor of a camera, to run on `backend`. `settings` say the rest: tiles, skipping,
-    /// windows and ensemble.
+    /// Makes `model` ready for frames of `extent` of a camera, to run on `backend`; `calibration` says where they lie on its
+    /// sensor. `settings` say the rest: tiles, skipping, windows and ensemble.
     pub fn new(
         model: &Model,
         calibration: Calibration,
