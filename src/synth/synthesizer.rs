@@ -154,17 +154,17 @@ impl Synthesizer {
 
     /// Refuses a recording that is not what this was made for, or that does not say enough.
     pub fn accept(&self, recording: &Recording) -> Result<()> {
+        self.accumulation(recording).map(drop)
+    }
+
+    /// The empty memory of a run over `recording`, where results accumulate. Refuses what [`Self::accept`] does.
+    fn accumulation(&self, recording: &Recording) -> Result<Option<Accumulation>> {
         if self.place.frame() != recording.extent() || recording.calibration() != self.calibration {
             return Err(SensorError::Capture(
                 "not the size or camera that the synthesis was made for".into(),
             )
             .into());
         }
-        self.accumulation(recording).map(drop)
-    }
-
-    /// The empty memory of a run over `recording`, where results accumulate.
-    fn accumulation(&self, recording: &Recording) -> Result<Option<Accumulation>> {
         if !self.accumulate {
             return Ok(None);
         }
@@ -201,10 +201,9 @@ impl Synthesizer {
         from: usize,
         mut sink: impl FnMut(ResultFrame) -> Result<()> + Send,
     ) -> Result<Report> {
-        self.accept(source.recording())?;
+        let accumulation = self.accumulation(source.recording())?;
         let begun = Instant::now();
         let place = self.place;
-        let accumulation = self.accumulation(source.recording())?;
         let mut source = Laid::new(source, place);
         let recording = source.recording().clone();
         let (calibration, padded) = (self.sensor.clone(), Extent::from(self.grid.extent()));

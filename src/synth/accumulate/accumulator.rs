@@ -151,10 +151,7 @@ impl Accumulator {
                 let unrest = pixel.notice(pooled);
                 pixel.take(frame, reading, unrest);
                 pixel.average(tone(result), learns);
-                pixel.weigh(frame, reading, pooled, lanes);
-                if learns {
-                    pixel.weight = 0.0;
-                }
+                pixel.weigh(frame, reading, learns, pooled, lanes);
             }
         });
         self.frames += 1;
@@ -258,7 +255,14 @@ impl Pixel {
     }
 
     /// Decides how far the mean of read-outs is to be believed, and notes what that is decided by in the next frame.
-    fn weigh(&mut self, frame: &FrameReadings<'_>, reading: Reading, pooled: &Lanes, lanes: &mut Lanes) {
+    fn weigh(
+        &mut self,
+        frame: &FrameReadings<'_>,
+        reading: Reading,
+        learns: bool,
+        pooled: &Lanes,
+        lanes: &mut Lanes,
+    ) {
         let of = |lane: Lane| pooled[lane as usize];
         let trusted =
             self.readouts >= 2 && !reading.saturated && !frame.may_saturate(self.mean, reading.exposure);
@@ -274,6 +278,6 @@ impl Pixel {
         let difference = of(Lane::Difference) / of(Lane::Trusted).max(1e-3);
         self.net_error += NEWEST_ERROR * (difference - changed.min(most) - self.net_error);
         let net = self.net_error.clamp(least, most);
-        self.weight = if trusted { net / (net + own + changed) } else { 0.0 };
+        self.weight = if trusted && !learns { net / (net + own + changed) } else { 0.0 };
     }
 }

@@ -1,6 +1,7 @@
 //! What a camera's pixel values say about irradiance, and how much of that is noise.
 
 use crate::Result;
+use crate::cpu::inverse_response;
 use crate::frame::Extent;
 use crate::network::SATURATED;
 use crate::sensor::{Calibration, Readouts, Recording, SensorError};
@@ -107,11 +108,11 @@ impl<'a> FrameReadings<'a> {
         let Self { readings, t, measured, stride, extent } = self;
         let exposures = readings.calibration.row(t, y).iter().cycle();
         let begins = readings.readouts.beginning_in_row(t, y).iter().cycle();
-        let table = &readings.calibration.inverse_response;
+        let table = readings.calibration.inverse_response();
         let dead = readings.dead.as_ref().map(|dead| &dead[y * extent.width..][..extent.width]);
         measured[y * stride..][..extent.width].iter().zip(exposures).zip(begins).enumerate().map(
             move |(column, ((&value, &exposure), begins))| {
-                let x = interpolated(table, value);
+                let x = inverse_response(table, value);
                 Reading {
                     irradiance: x / exposure,
                     exposure,
@@ -133,11 +134,4 @@ impl<'a> FrameReadings<'a> {
         let x = irradiance * exposure;
         x + 2.0 * self.readings.variance(x).sqrt() >= self.readings.saturated
     }
-}
-
-/// A table over y = i/(n − 1), linear in between.
-fn interpolated(table: &[f32], y: f32) -> f32 {
-    let place = y.clamp(0.0, 1.0) * (table.len() - 1) as f32;
-    let below = (place as usize).min(table.len() - 2);
-    table[below] + (table[below + 1] - table[below]) * (place - below as f32)
 }
